@@ -1,0 +1,1 @@
+//! Chessboard corners, camera start values and the joint calibration of camera, windows, galvanometer and laser.

@@ -1,0 +1,2 @@
+//! The `uwscan` command.
+fn main() {}

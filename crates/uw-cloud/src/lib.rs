@@ -1,0 +1,1 @@
+//! Point clouds and robust shape fits with covariance.

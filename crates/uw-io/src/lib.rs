@@ -1,0 +1,1 @@
+//! Capture folders, rig and calibration files, point cloud formats.

@@ -1,0 +1,1 @@
+//! Sub-pixel laser stripe extraction with predicted uncertainty.

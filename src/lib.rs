@@ -1,0 +1,1 @@
+//! Underwater laser-line scanning: calibration, exact refraction, point clouds and measurements.
