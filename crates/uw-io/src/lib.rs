@@ -1,1 +1,27 @@
-//! Capture folders, rig and calibration files, point cloud formats.
+//! Capture folders, rig files, images and point cloud formats.
+//!
+//! Everything here turns bytes into checked values and back; nothing computes. A reader refuses what it cannot
+//! trust with an [`Error`] that names the file, the place in it, what is wrong and how to mend it. What can be
+//! gone on without is a [`Problem`]: data, for the caller to count and to show.
+//!
+//! | module | file | value |
+//! |---|---|---|
+//! | [`capture`] | `capture.toml`, `frames.csv` | [`Capture`] |
+//! | [`rig`] | `rig.toml` | [`Rig`] |
+//! | [`images`] | PNG, TIFF, JPEG, PNM | [`GrayImage`] |
+//! | [`atomic`] | any output | written whole or not at all |
+
+pub mod atomic;
+pub mod capture;
+mod error;
+mod frames;
+pub mod images;
+pub mod rig;
+mod text;
+mod toml_file;
+
+pub use atomic::Overwrite;
+pub use capture::{Capture, FrameRecord, Kind, Medium, Target};
+pub use error::{Error, Place, Problem, Severity};
+pub use images::{Expect, GrayImage, Pixels, Reduce};
+pub use rig::{Priors, Rig, Water};

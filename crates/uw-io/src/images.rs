@@ -1,0 +1,186 @@
+//! Images of 8 or 16 bits, grey or colour, as one channel.
+
+use std::{fs, io::Cursor, path::Path};
+
+use image::{DynamicImage, ImageError, ImageReader};
+
+use crate::error::Error;
+
+/// How colour becomes one channel. Grey images are taken as they are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reduce {
+    /// Rec. 709 luma: for images of the target.
+    Luma,
+    /// The channel nearest this wavelength, in nanometres: for images of the stripe, whose light the other channels
+    /// see as noise.
+    Wavelength(f64),
+}
+
+/// The pixels, row by row.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Pixels {
+    /// From a file of up to 8 bits.
+    U8(Vec<u8>),
+    /// From a file of 9 to 16 bits.
+    U16(Vec<u16>),
+}
+
+/// A grey image. Pixel (0, 0) is the top-left one; pixel (u, v) is at `v * width + u`, without padding.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct GrayImage {
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// The values.
+    pub data: Pixels,
+    /// The largest value that a pixel can have, which a saturated one has.
+    pub full_scale: u16,
+}
+
+/// What the rig says of its camera's images.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Expect {
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// Significant bits, 1 to 16.
+    pub bits: u8,
+}
+
+impl From<&crate::rig::Camera> for Expect {
+    fn from(camera: &crate::rig::Camera) -> Self {
+        Self { size: [camera.width, camera.height], bits: camera.bits }
+    }
+}
+
+/// The largest image that is decoded: 1 GiB of values, so that a lie in a header costs an error and not the memory.
+const MOST_BYTES: u64 = 1 << 30;
+
+/// The image in a file, in one channel, held against what the rig says where that is given. One call decodes one
+/// image on the thread that calls.
+///
+/// # Errors
+/// [`Error::File`] where it cannot be read, [`Error::Image`] where it cannot be decoded or has values above the
+/// rig's bits, [`Error::ImageSize`] where its size is another than the rig's.
+pub fn read(path: &Path, reduce: Reduce, expect: Option<Expect>) -> Result<GrayImage, Error> {
+    let bytes = fs::read(path).map_err(Error::file(path, "read the image"))?;
+    decode(&bytes, path, reduce, expect)
+}
+
+/// The image in `bytes`, as [`read`]; `path` names it in errors.
+///
+/// # Errors
+/// As [`read`].
+pub fn decode(bytes: &[u8], path: &Path, reduce: Reduce, expect: Option<Expect>) -> Result<GrayImage, Error> {
+    if bytes.is_empty() {
+        return Err(Error::image(path, "is an empty file", "copy it again from where it was recorded"));
+    }
+    if bytes.starts_with(b"\xff\xd8") && !jpeg_ends(bytes) {
+        return Err(damaged(path, "the JPEG data end too early"));
+    }
+    let mut reader =
+        ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(Error::file(path, "read"))?;
+    let mut limits = image::Limits::default();
+    limits.max_alloc = Some(MOST_BYTES);
+    reader.limits(limits);
+    let image = reader.decode().map_err(|e| decode_error(path, e))?;
+    let gray = reduced(image, reduce).ok_or_else(|| {
+        Error::image(
+            path,
+            "its pixels are neither 8- nor 16-bit integers",
+            "save it as 8- or 16-bit PNG or TIFF",
+        )
+    })?;
+    match expect {
+        Some(expect) => hold_against(gray, path, expect),
+        None => Ok(gray),
+    }
+}
+
+fn reduced(image: DynamicImage, reduce: Reduce) -> Option<GrayImage> {
+    let (width, height) = (image.width(), image.height());
+    let (data, full_scale) = match image {
+        DynamicImage::ImageLuma8(i) => (Pixels::U8(i.into_raw()), 0xff),
+        DynamicImage::ImageLuma16(i) => (Pixels::U16(i.into_raw()), 0xffff),
+        DynamicImage::ImageLumaA8(i) => (Pixels::U8(pick(&i, 2, 0)), 0xff),
+        DynamicImage::ImageLumaA16(i) => (Pixels::U16(pick(&i, 2, 0)), 0xffff),
+        i @ (DynamicImage::ImageRgb8(_) | DynamicImage::ImageRgba8(_)) => match reduce {
+            Reduce::Luma => (Pixels::U8(i.into_luma8().into_raw()), 0xff),
+            Reduce::Wavelength(nm) => {
+                let channels = usize::from(i.color().channel_count());
+                (Pixels::U8(pick(i.as_bytes(), channels, channel(nm))), 0xff)
+            }
+        },
+        i @ (DynamicImage::ImageRgb16(_) | DynamicImage::ImageRgba16(_)) => match (reduce, &i) {
+            (Reduce::Wavelength(nm), DynamicImage::ImageRgb16(b)) => {
+                (Pixels::U16(pick(b, 3, channel(nm))), 0xffff)
+            }
+            (Reduce::Wavelength(nm), DynamicImage::ImageRgba16(b)) => {
+                (Pixels::U16(pick(b, 4, channel(nm))), 0xffff)
+            }
+            _ => (Pixels::U16(i.into_luma16().into_raw()), 0xffff),
+        },
+        _ => return None,
+    };
+    Some(GrayImage { width, height, data, full_scale })
+}
+
+fn pick<T: Copy>(values: &[T], channels: usize, channel: usize) -> Vec<T> {
+    values.iter().skip(channel).step_by(channels).copied().collect()
+}
+
+/// The channel, of red, green and blue, whose filter lets a wavelength through best: the filters of a Bayer sensor
+/// peak near 610, 535 and 460 nm.
+fn channel(wavelength_nm: f64) -> usize {
+    if wavelength_nm > 0.5 * (610.0 + 535.0) {
+        0
+    } else if wavelength_nm > 0.5 * (535.0 + 460.0) {
+        1
+    } else {
+        2
+    }
+}
+
+fn hold_against(mut image: GrayImage, path: &Path, expect: Expect) -> Result<GrayImage, Error> {
+    let got = [image.width, image.height];
+    if got != expect.size {
+        return Err(Error::ImageSize { path: path.to_owned(), needed: expect.size, got });
+    }
+    let full_scale = (u32::MAX >> (32 - u32::from(expect.bits.clamp(1, 16)))) as u16;
+    image.full_scale = image.full_scale.min(full_scale);
+    let largest = match &image.data {
+        Pixels::U8(_) if full_scale >= 0xff => 0,
+        Pixels::U8(values) => values.iter().copied().max().map_or(0, u16::from),
+        Pixels::U16(values) => values.iter().copied().max().unwrap_or(0),
+    };
+    if largest > full_scale {
+        let what = format!("has a value of {largest}, but {} bits end at {full_scale}", expect.bits);
+        let mend = "mend bits in rig.toml; values that the camera shifted to the left must be shifted back, \
+                    or counted with bits = 16";
+        return Err(Error::image(path, what, mend));
+    }
+    Ok(image)
+}
+
+/// Whether a JPEG's last scan is closed: the decoder fills a torn one up with grey.
+fn jpeg_ends(bytes: &[u8]) -> bool {
+    let marker = |code: u8| bytes.windows(2).rposition(|w| w == [0xff, code]);
+    // The start of the last scan, not of a preview's in the header; inside a scan 0xff is followed by 0 or a restart.
+    matches!((marker(0xda), marker(0xd9)), (Some(start), Some(end)) if end > start)
+}
+
+fn damaged(path: &Path, what: impl Into<String>) -> Error {
+    Error::image(path, what, "the file is torn or damaged: copy it again from where it was recorded")
+}
+
+fn decode_error(path: &Path, e: ImageError) -> Error {
+    match e {
+        ImageError::Limits(_) => {
+            Error::image(path, format!("is too large: {e}"), "images of up to 1 GiB are read; check the file")
+        }
+        ImageError::Unsupported(_) => {
+            Error::image(path, format!("cannot be read: {e}"), "save it as 8- or 16-bit grey PNG or TIFF")
+        }
+        e => damaged(path, format!("cannot be decoded: {e}")),
+    }
+}

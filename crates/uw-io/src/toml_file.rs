@@ -1,0 +1,127 @@
+//! Versioned TOML: `format` and `version` first, then strictly typed keys, errors with line and column.
+
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use toml::{
+    Spanned,
+    de::{DeTable, DeValue, Deserializer},
+};
+
+use crate::{
+    error::{Error, Place, Problem},
+    text,
+};
+
+const LIMIT: u64 = 16 << 20;
+
+/// A TOML file of a known format, whose keys can be found again when one of them is wrong.
+pub(crate) struct TomlFile {
+    path: PathBuf,
+    text: String,
+}
+
+impl TomlFile {
+    /// Reads a file and checks that it declares `format` and a version up to `version`.
+    pub fn read(path: &Path, format: &'static str, version: u32) -> Result<Self, Error> {
+        let file = Self { path: path.to_owned(), text: text::read(path, LIMIT)? };
+        let table = file.table()?;
+        let table = table.get_ref();
+        match table.get("format").map(Spanned::get_ref) {
+            Some(DeValue::String(got)) if got == format => {}
+            other => {
+                let got = match other {
+                    Some(DeValue::String(got)) => format!("of format \"{got}\""),
+                    Some(_) => "of a format that is no text".into(),
+                    None => "a file without `format`".into(),
+                };
+                return Err(Error::Format { place: file.place("format"), needed: format, got });
+            }
+        }
+        let number = match table.get("version").map(Spanned::get_ref) {
+            Some(DeValue::Integer(i)) => i64::from_str_radix(i.as_str(), i.radix()).ok(),
+            _ => None,
+        };
+        match number {
+            Some(got) if got > i64::from(version) => {
+                Err(Error::Version { place: file.place("version"), needed: version, got })
+            }
+            Some(got) if got >= 1 => Ok(file),
+            _ => {
+                let what = "the version must be a whole number from 1";
+                Err(file.error("version", what, format!("write: version = {version}")))
+            }
+        }
+    }
+
+    /// The file's keys, `format` and `version` aside, as `T`; a key that `T` doesn't know is an error.
+    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, Error> {
+        let mut table = self.table()?;
+        table.get_mut().remove("format");
+        table.get_mut().remove("version");
+        T::deserialize(Deserializer::from(table)).map_err(|e| self.translate(&e))
+    }
+
+    /// An error about the key with this dotted path, with its line and column where it exists.
+    pub fn error(&self, key: &str, what: impl Into<String>, mend: impl Into<String>) -> Error {
+        Error::content(self.place(key), what, mend)
+    }
+
+    /// A warning about the key with this dotted path.
+    pub fn warning(&self, key: &str, what: impl Into<String>, mend: impl Into<String>) -> Problem {
+        Problem::warning(self.place(key), what, mend)
+    }
+
+    fn table(&self) -> Result<Spanned<DeTable<'_>>, Error> {
+        DeTable::parse(&self.text).map_err(|e| self.translate(&e))
+    }
+
+    /// The place of a dotted key; of the innermost table that exists where the key doesn't.
+    fn place(&self, key: &str) -> Place {
+        let mut start = None;
+        if let Ok(root) = DeTable::parse(&self.text) {
+            let mut table = Some(root.get_ref());
+            for part in key.split('.') {
+                let Some((name, value)) = table.and_then(|t| t.get_key_value(part)) else { break };
+                start = Some(name.span().start);
+                table = match value.get_ref() {
+                    DeValue::Table(inner) => Some(inner),
+                    _ => None,
+                };
+            }
+        }
+        self.at(start).key(key)
+    }
+
+    fn at(&self, offset: Option<usize>) -> Place {
+        let (line, column) = offset.map(|o| text::line_column(&self.text, o)).unzip();
+        Place { line, column, ..Place::file(&self.path) }
+    }
+
+    /// Says what serde or the parser found, in the words of a person who edits the file.
+    fn translate(&self, e: &toml::de::Error) -> Error {
+        let place = self.at(e.span().map(|s| s.start));
+        let message = e.message().replace('\n', ", ");
+        // serde names the unknown word first and then the ones it knows, each between backticks.
+        let mut quoted = message.split('`').skip(1).step_by(2);
+        let word = quoted.next().unwrap_or_default();
+        let mend = if message.starts_with("unknown field") {
+            match text::nearest(word, quoted.clone()) {
+                Some(known) => format!("did you mean `{known}`?"),
+                None => "remove it, or use one of the names above".into(),
+            }
+        } else if message.starts_with("unknown variant") {
+            match text::nearest(word, quoted.clone()) {
+                Some(known) => format!("did you mean \"{known}\"?"),
+                None => "use one of the names above".into(),
+            }
+        } else if message.starts_with("missing field") {
+            format!("add a line: {word} = …")
+        } else if message.starts_with("invalid") {
+            "mend the value".into()
+        } else {
+            "mend the TOML here".into()
+        };
+        Error::content(place, message, mend)
+    }
+}
