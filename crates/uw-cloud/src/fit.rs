@@ -1,0 +1,431 @@
+//! Fitting any surface to points that each have their own covariance: maximum likelihood with errors in variables.
+//!
+//! A point p with covariance C was measured of a point q of the surface. Besides its measurement error it carries
+//! what no covariance tells: roughness, form error, what the calibration leaves between neighbouring stripes. That is
+//! taken as isotropic, with one standard deviation f for all points (the noise floor), and one factor φ (the scale)
+//! stands for covariances that are too small or too large throughout: the error of p has covariance φ V, V = C + f² I.
+//!
+//! *Distance.* A point's share of the likelihood is its squared Mahalanobis distance to the surface,
+//! d² = min (p − q)ᵀ V⁻¹ (p − q) over the surface's points q. At that foot q, with the unit normal n and p − q = λ V n,
+//! d² = λ² nᵀVn and, as the minimum over q has no slope along q, ∂d/∂θ = F_θ(q) / sqrt(nᵀVn) for the signed distance
+//! F(x; θ). These are exact. A scanner's covariance is all but singular (a point moves along its laser ray), and
+//! weighting the orthogonal distance by nᵀCn instead fails where a ray grazes the surface: there nᵀCn vanishes at
+//! the point as measured, and with the weight following the error the fit is biased.
+//!
+//! *Floor and scale.* To first order about the feet the residual along the normal, r = λ nᵀVn, is Gaussian with variance
+//! φ (nᵀCn + f²). φ is chi²/dof at any f. The f of largest likelihood is the estimate that is reported; the weights
+//! take the largest f whose likelihood lies within one sigma (twice its logarithm is 1 lower), as grazing points,
+//! which say nearly nothing of f as long as they are few, would otherwise be believed without limit.
+//!
+//! *Sigmas.* With A = Σ g gᵀ / v over the inliers (g = F_θ at the feet, v the variance used as weight) the covariance is
+//! A⁻¹ (Σ g gᵀ ṽ / v²) A⁻¹ with ṽ = max(φ, 1) (nᵀCn + f²) at the f of largest likelihood: larger than predicted where
+//! the points scatter more than their covariances say, never smaller. Without covariances ṽ is the scatter itself,
+//! and with few degrees of freedom the sigmas are widened to the 68 % interval of Student's t.
+//!
+//! *Undetermined shapes.* Noise moves the feet, hence g, and feigns information: Σ G Q Gᵀ / v on average, with G = ∂g/∂q and
+//! Q the covariance of the foot along the surface. Where that reaches half of A in any direction, the points do not
+//! determine the shape and there is no result; below that it is taken off A.
+
+use crate::cloud::{PointCloud, unpacked};
+use crate::error::{CloudError, FitError};
+use crate::newton::{MAX_ITERATIONS, Normal, minimise};
+use crate::robust::{rejection_limit, scale_about_zero, student_widening};
+use nalgebra::{DMatrix, Matrix3, SMatrix, SVector, Vector3};
+
+/// Share of feigned information that is refused.
+const MAX_NOISE_SHARE: f64 = 0.5;
+
+/// A covariance's negative eigenvalue, in shares of its largest, that its rounding to f32 explains.
+const COVARIANCE_ROUNDING: f64 = 1e-5;
+
+/// Rounds of choosing inliers and floor; they mostly settle within six.
+const MAX_ROUNDS: usize = 30;
+
+/// One point, relative to the centre of its [`Sample`], with the principal axes of its covariance.
+#[derive(Debug, Clone)]
+pub(crate) struct Observation {
+    /// Position, mm.
+    pub(crate) point: Vector3<f64>,
+    /// Principal axes of the covariance, as columns.
+    pub(crate) axes: Matrix3<f64>,
+    /// Variances along them, mm².
+    pub(crate) variances: Vector3<f64>,
+}
+
+impl Observation {
+    /// Returns the same position without its covariance.
+    pub(crate) fn bare(&self) -> Self {
+        Self { point: self.point, axes: Matrix3::identity(), variances: Vector3::zeros() }
+    }
+
+    /// Returns V = C + f² I, mm².
+    pub(crate) fn covariance(&self, floor_mm: f64) -> Matrix3<f64> {
+        let variances = self.variances.add_scalar(floor_mm * floor_mm);
+        self.axes * Matrix3::from_diagonal(&variances) * self.axes.transpose()
+    }
+}
+
+/// Where a point belongs on a surface, under its own covariance.
+pub(crate) struct Foot<const P: usize> {
+    /// Residual along the normal, λ nᵀVn, mm; positive where the point is on the normal's side.
+    pub(crate) residual_mm: f64,
+    /// nᵀVn, mm².
+    pub(crate) variance_mm2: f64,
+    /// Unit normal of the surface there.
+    pub(crate) normal: Vector3<f64>,
+    /// ∂F/∂θ of the signed distance there.
+    pub(crate) gradient: SVector<f64, P>,
+}
+
+impl<const P: usize> Foot<P> {
+    /// Returns the signed Mahalanobis distance.
+    fn distance(&self) -> f64 {
+        self.residual_mm / self.variance_mm2.sqrt()
+    }
+}
+
+/// A surface with `P` free parameters θ.
+pub(crate) trait Surface<const P: usize>: Clone {
+    /// What it is called in messages.
+    const NAME: &'static str;
+
+    /// Returns the signed orthogonal distance F of a point, mm.
+    fn distance(&self, point: &Vector3<f64>) -> f64;
+
+    /// Returns the surface point that is nearest in the metric of C + f² I.
+    fn foot(&self, observation: &Observation, floor_mm: f64) -> Foot<P>;
+
+    /// Returns G, the derivatives of ∂F/∂θ by the foot's position along the surface.
+    fn gradient_change(&self, foot: &Foot<P>) -> SMatrix<f64, P, 3>;
+
+    /// Returns the surface with its parameters moved by a step.
+    fn moved(&self, step: &SVector<f64, P>) -> Self;
+}
+
+/// How far the points lie from the fitted shape, and how many there are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct Deviations {
+    /// Points that the shape was fitted to.
+    pub points: usize,
+    /// Points rejected: farther off than their sigma and the number of points explain.
+    pub outliers: usize,
+    /// Points left out because another one has the same position.
+    pub duplicates: usize,
+    /// Root mean square of the fitted points' orthogonal distances, mm.
+    pub rms_mm: f64,
+    /// Largest orthogonal distance of a fitted point on the outside (for a plane: the sensor's side), mm, not negative.
+    pub max_outside_mm: f64,
+    /// Largest orthogonal distance of a fitted point on the inside, mm, not negative.
+    pub max_inside_mm: f64,
+    /// φ = chi² / dof against the covariances and the noise floor; above 1 the sigmas are widened by its root. `None`
+    /// without covariances, where the points' scatter is the sigma.
+    pub scale: Option<f64>,
+    /// Standard deviation, mm, of what the covariances do not tell (roughness, form error), as estimated
+    /// together with the scale; `None` without covariances.
+    pub floor_mm: Option<f64>,
+}
+
+/// The distinct points of a cloud, moved to the middle of them so that offsets cost no digits.
+pub(crate) struct Sample {
+    /// The points.
+    pub(crate) observations: Vec<Observation>,
+    /// What was subtracted from the positions, mm.
+    pub(crate) centre: Vector3<f64>,
+    duplicates: usize,
+    has_covariances: bool,
+    /// Distances below this are rounding of the coordinates, mm.
+    pub(crate) resolution_mm: f64,
+}
+
+impl Sample {
+    /// Returns the points of a cloud for a shape of `unknowns` parameters.
+    pub(crate) fn new(cloud: &PointCloud, shape: &'static str, unknowns: usize) -> Result<Self, FitError> {
+        check_positions(cloud)?;
+        let mut order: Vec<usize> = (0..cloud.len()).collect();
+        let key = |i: &usize| cloud.positions_mm()[*i].map(|c| c + 0.0);
+        let compare = |a: &usize, b: &usize| {
+            let (a, b) = (key(a), key(b));
+            a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]))
+        };
+        order.sort_by(compare);
+        order.dedup_by(|a, b| compare(a, b).is_eq());
+        order.sort_unstable();
+        let covariances = cloud.covariances_mm2().filter(|all| all.iter().flatten().any(|&c| c != 0.0));
+        let needed = unknowns + usize::from(covariances.is_none());
+        if order.len() < needed {
+            return Err(FitError::TooFewPoints { shape, needed, got: order.len() });
+        }
+        let middle = |axis: usize| {
+            crate::robust::median(
+                &mut order.iter().map(|&i| cloud.positions_mm()[i][axis]).collect::<Vec<_>>(),
+            )
+        };
+        let centre = Vector3::new(middle(0), middle(1), middle(2));
+        let mut largest = 0.0_f64;
+        let mut observations = Vec::with_capacity(order.len());
+        for &index in &order {
+            let position = cloud.vector(index);
+            largest = largest.max(position.amax());
+            let mut observation = Observation {
+                point: position - centre,
+                axes: Matrix3::identity(),
+                variances: Vector3::zeros(),
+            };
+            if let Some(covariance) = covariances.map(|all| &all[index]) {
+                let eigen = unpacked(covariance).symmetric_eigen();
+                let least = eigen.eigenvalues.min();
+                if least < -COVARIANCE_ROUNDING * eigen.eigenvalues.max() {
+                    return Err(FitError::InvalidCovariance { index, variance_mm2: least });
+                }
+                observation.axes = eigen.eigenvectors;
+                observation.variances = eigen.eigenvalues.map(|v| v.max(0.0));
+            }
+            observations.push(observation);
+        }
+        Ok(Self {
+            duplicates: cloud.len() - order.len(),
+            observations,
+            centre,
+            has_covariances: covariances.is_some(),
+            resolution_mm: 16.0 * f64::EPSILON * largest,
+        })
+    }
+}
+
+/// Checks that all that a fit uses is finite, and small enough for squares of it to be.
+fn check_positions(cloud: &PointCloud) -> Result<(), CloudError> {
+    let usable = |value: f64| value.abs() < 1e100;
+    let bad = |attribute, index| CloudError::NonFinite { attribute, index };
+    if let Some(index) = cloud.positions_mm().iter().position(|p| !p.iter().all(|&c| usable(c))) {
+        return Err(bad("position", index));
+    }
+    let covariances = cloud.covariances_mm2().unwrap_or_default();
+    match covariances.iter().position(|c| !c.iter().all(|c| c.is_finite())) {
+        Some(index) => Err(bad("covariance", index)),
+        None => Ok(()),
+    }
+}
+
+/// A fitted surface with the covariance of its parameters.
+pub(crate) struct Fitted<S, const P: usize> {
+    pub(crate) surface: S,
+    pub(crate) covariance: SMatrix<f64, P, P>,
+    pub(crate) deviations: Deviations,
+    /// Positions in the sample of the points that were used.
+    pub(crate) inliers: Vec<usize>,
+    /// Σ d² over all points, each at most at the rejection limit, in units of the scale.
+    pub(crate) robust_chi2: f64,
+}
+
+/// Returns the surface of least Σ d² over the given points, from a start; `None` where there is none.
+pub(crate) fn refine<'a, S: Surface<P>, const P: usize>(
+    start: S,
+    points: impl Iterator<Item = &'a Observation> + Clone,
+    floor_mm: f64,
+    resolution_mm: f64,
+) -> Option<S> {
+    let negligible = points.clone().count() as f64 * (resolution_mm / floor_mm).powi(2);
+    minimise(start, negligible, |s| normal_equations(s, points.clone(), floor_mm), |s, step| s.moved(step))
+}
+
+/// Returns Σ d² and its derivatives.
+fn normal_equations<'a, S: Surface<P>, const P: usize>(
+    surface: &S,
+    points: impl Iterator<Item = &'a Observation>,
+    floor_mm: f64,
+) -> Normal<P> {
+    let mut normal = Normal::zero();
+    for observation in points {
+        let foot = surface.foot(observation, floor_mm);
+        let weighted = foot.gradient / foot.variance_mm2;
+        normal.cost += foot.residual_mm * foot.residual_mm / foot.variance_mm2;
+        normal.gradient += weighted * foot.residual_mm;
+        normal.matrix += weighted * foot.gradient.transpose();
+    }
+    normal
+}
+
+/// The variance beyond the covariances: f as it is most likely, and f as it is used in weights.
+#[derive(Debug, Clone, Copy)]
+struct Floor {
+    likely_mm: f64,
+    used_mm: f64,
+    /// φ at the most likely f.
+    scale: f64,
+}
+
+/// Returns the noise floor from (residual along the normal, nᵀCn) of the inliers, for a shape of `unknowns`.
+///
+/// −2 ln L = dof ln φ(f) + Σ ln(a + f²), φ(f) = Σ r²/(a + f²) / dof, searched between a thousandth of the typical
+/// normal sigma and the scatter, in steps of about 15 %.
+fn noise_floor(residuals: &[(f64, f64)], unknowns: usize, resolution_mm: f64) -> Floor {
+    const STEPS: i32 = 64;
+    let dof = residuals.len().saturating_sub(unknowns).max(1) as f64;
+    let scatter = (residuals.iter().map(|(r, _)| r * r).sum::<f64>() / dof).sqrt();
+    let sigma = residuals.iter().map(|(_, a)| a).sum::<f64>().sqrt() / (residuals.len().max(1) as f64).sqrt();
+    let lowest = (1e-3 * sigma).max(1e-4 * scatter).max(resolution_mm).max(f64::MIN_POSITIVE.sqrt());
+    let highest = scatter.max(lowest);
+    let scale = |f2: f64| residuals.iter().map(|(r, a)| r * r / (a + f2)).sum::<f64>() / dof;
+    let deviance = |f2: f64| {
+        dof * scale(f2).max(f64::MIN_POSITIVE).ln()
+            + residuals.iter().map(|(_, a)| (a + f2).ln()).sum::<f64>()
+    };
+    let tried: Vec<(f64, f64)> = (0..=STEPS)
+        .map(|i| lowest * (highest / lowest).powf(f64::from(i) / f64::from(STEPS)))
+        .map(|f| (f, deviance(f * f)))
+        .collect();
+    let likely = tried.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((lowest, 0.0));
+    let used_mm =
+        tried.iter().rev().find(|(_, deviance)| *deviance <= likely.1 + 1.0).map_or(likely.0, |(f, _)| *f);
+    Floor { likely_mm: likely.0, used_mm, scale: scale(likely.0 * likely.0) }
+}
+
+/// Returns the maximum-likelihood surface for the points that agree with it, beginning at a start whose points
+/// scatter by `scatter_mm`.
+pub(crate) fn fit<S: Surface<P>, const P: usize>(
+    start: S,
+    scatter_mm: f64,
+    sample: &Sample,
+) -> Result<Fitted<S, P>, FitError> {
+    let all = &sample.observations;
+    let with_covariances = sample.has_covariances;
+    let needed = P + usize::from(!with_covariances);
+    let limit = rejection_limit(all.len());
+    let reach = limit * scatter_mm.max(sample.resolution_mm);
+    let mut surface = start;
+    let mut inliers: Vec<bool> = all.iter().map(|o| surface.distance(&o.point).abs() <= reach).collect();
+    let first = if with_covariances { scatter_mm.max(sample.resolution_mm) } else { 1.0 };
+    let mut floor = Floor { likely_mm: first, used_mm: first, scale: 1.0 };
+    let mut feet: Vec<Foot<P>> = Vec::new();
+    let mut accepted_scale = 1.0;
+    for _ in 0..MAX_ROUNDS {
+        let count = inliers.iter().filter(|&&sound| sound).count();
+        if count < needed {
+            return Err(FitError::NoConsensus { shape: S::NAME, needed, got: count, points: all.len() });
+        }
+        let sound = || all.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(o, _)| o);
+        surface = refine(surface, sound(), floor.used_mm, sample.resolution_mm)
+            .ok_or(FitError::NotConverged { shape: S::NAME, iterations: MAX_ITERATIONS })?;
+        let used2 = floor.used_mm * floor.used_mm;
+        feet = all.iter().map(|o| surface.foot(o, floor.used_mm)).collect();
+        let kept = || feet.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(foot, _)| foot);
+        let robust_scale = scale_about_zero(kept().map(Foot::distance)).powi(2);
+        // A covariance that is too large by all appearances still says what error was to be expected.
+        accepted_scale = if with_covariances { robust_scale.max(1.0) } else { robust_scale };
+        let mut next_floor = floor;
+        if with_covariances {
+            let residuals: Vec<_> =
+                kept().map(|f| (f.residual_mm, (f.variance_mm2 - used2).max(0.0))).collect();
+            next_floor = noise_floor(&residuals, P, sample.resolution_mm);
+        } else {
+            next_floor.scale =
+                kept().map(|f| f.distance().powi(2)).sum::<f64>() / count.saturating_sub(P).max(1) as f64;
+        }
+        let next: Vec<bool> = feet
+            .iter()
+            .map(|f| {
+                f.distance().abs() <= limit * accepted_scale.sqrt()
+                    || f.residual_mm.abs() <= sample.resolution_mm
+            })
+            .collect();
+        let settled = next == inliers && next_floor.used_mm.total_cmp(&floor.used_mm).is_eq();
+        let nearly = (next_floor.used_mm / floor.used_mm).ln().abs() < 0.2;
+        if settled || (next == inliers && nearly) {
+            // Inliers and weights stay as the surface was fitted with; the estimates are the latest.
+            floor = Floor { used_mm: floor.used_mm, ..next_floor };
+            break;
+        }
+        (inliers, floor) = (next, next_floor);
+    }
+    let robust_chi2 =
+        feet.iter().map(|f| (f.distance().powi(2) / accepted_scale.max(1e-300)).min(limit * limit)).sum();
+    let indices: Vec<usize> = (0..all.len()).filter(|&i| inliers[i]).collect();
+    let covariance = covariance(&surface, sample, &feet, &indices, floor)?;
+    let deviations = deviations(&surface, sample, &indices, floor);
+    Ok(Fitted { surface, covariance, deviations, inliers: indices, robust_chi2 })
+}
+
+/// Returns the covariance of the parameters, as the module's documentation describes.
+fn covariance<S: Surface<P>, const P: usize>(
+    surface: &S,
+    sample: &Sample,
+    feet: &[Foot<P>],
+    inliers: &[usize],
+    floor: Floor,
+) -> Result<SMatrix<f64, P, P>, FitError> {
+    let scale = if sample.has_covariances { floor.scale.max(1.0) } else { floor.scale };
+    let (used2, likely2) = (floor.used_mm * floor.used_mm, floor.likely_mm * floor.likely_mm);
+    let mut information = SMatrix::<f64, P, P>::zeros();
+    let mut feigned = SMatrix::<f64, P, P>::zeros();
+    let mut scatter = SMatrix::<f64, P, P>::zeros();
+    for &i in inliers {
+        let foot = &feet[i];
+        let expected = scale * ((foot.variance_mm2 - used2).max(0.0) + likely2);
+        let square = foot.gradient * foot.gradient.transpose() / foot.variance_mm2;
+        information += square;
+        scatter += square * (expected / foot.variance_mm2);
+        let v = sample.observations[i].covariance(floor.likely_mm) * scale;
+        let along = v * foot.normal;
+        let across = foot.normal.dot(&along);
+        let slide = if across > 0.0 { v - along * along.transpose() / across } else { v };
+        let change = surface.gradient_change(foot);
+        feigned += change * slide * change.transpose() / foot.variance_mm2;
+    }
+    let undetermined =
+        |noise_share| FitError::Undetermined { shape: S::NAME, noise_share, allowed: MAX_NOISE_SHARE };
+    // Each parameter in units of its own information, so that mm and radians compare.
+    let units = information.diagonal().map(|d| 1.0 / d.sqrt());
+    if !units.iter().all(|u| u.is_finite()) {
+        return Err(undetermined(1.0));
+    }
+    let units = SMatrix::<f64, P, P>::from_diagonal(&units);
+    let scaled = dynamic(&(units * information * units)).symmetric_eigen();
+    // Below this, rounding of the sums is all there is.
+    let singular = 1e-14 * inliers.len() as f64;
+    let least = scaled.eigenvalues.min();
+    if least.is_nan() || least <= singular.min(1e-9) {
+        return Err(undetermined(1.0));
+    }
+    let whitened = &scaled.eigenvectors * DMatrix::from_diagonal(&scaled.eigenvalues.map(|e| 1.0 / e.sqrt()));
+    let noise = whitened.transpose() * dynamic(&(units * feigned * units)) * &whitened;
+    let noise_share = noise.symmetric_eigenvalues().max();
+    if noise_share.is_nan() || noise_share > MAX_NOISE_SHARE {
+        return Err(undetermined(noise_share.min(1.0)));
+    }
+    let inverse = (information - feigned).try_inverse().ok_or_else(|| undetermined(noise_share))?;
+    let dof = inliers.len().saturating_sub(P);
+    let widening =
+        if sample.has_covariances && floor.scale <= 1.0 { 1.0 } else { student_widening(dof).powi(2) };
+    let covariance = inverse * scatter * inverse * widening;
+    if !covariance.iter().all(|c| c.is_finite()) {
+        return Err(undetermined(noise_share));
+    }
+    Ok((covariance + covariance.transpose()) * 0.5)
+}
+
+/// Returns the matrix with its size in the value, for decompositions that the size in the type rules out.
+fn dynamic<const P: usize>(m: &SMatrix<f64, P, P>) -> DMatrix<f64> {
+    DMatrix::from_fn(P, P, |i, j| (m[(i, j)] + m[(j, i)]) * 0.5)
+}
+
+/// Returns the statistics of the inliers' orthogonal distances.
+fn deviations<S: Surface<P>, const P: usize>(
+    surface: &S,
+    sample: &Sample,
+    inliers: &[usize],
+    floor: Floor,
+) -> Deviations {
+    let distances = || inliers.iter().map(|&i| surface.distance(&sample.observations[i].point));
+    let known = |value: f64| sample.has_covariances.then_some(value);
+    Deviations {
+        points: inliers.len(),
+        outliers: sample.observations.len() - inliers.len(),
+        duplicates: sample.duplicates,
+        rms_mm: (distances().map(|d| d * d).sum::<f64>() / inliers.len().max(1) as f64).sqrt(),
+        max_outside_mm: distances().fold(0.0, f64::max),
+        max_inside_mm: -distances().fold(0.0, f64::min),
+        scale: known(floor.scale),
+        floor_mm: known(floor.likely_mm * floor.scale.sqrt()),
+    }
+}

@@ -1,0 +1,106 @@
+//! Damped Gauss–Newton for the few parameters of a shape.
+
+use nalgebra::{SMatrix, SVector};
+
+/// Half the gradient of a sum of squares, its Gauss–Newton matrix and the sum itself.
+pub(crate) struct Normal<const P: usize> {
+    /// Σ d².
+    pub(crate) cost: f64,
+    /// Σ (∂d/∂θ) d.
+    pub(crate) gradient: SVector<f64, P>,
+    /// Σ (∂d/∂θ)(∂d/∂θ)ᵀ.
+    pub(crate) matrix: SMatrix<f64, P, P>,
+}
+
+impl<const P: usize> Normal<P> {
+    /// Returns the sum over nothing.
+    pub(crate) fn zero() -> Self {
+        Self { cost: 0.0, gradient: SVector::zeros(), matrix: SMatrix::zeros() }
+    }
+}
+
+/// Iterations after which a fit is given up.
+pub(crate) const MAX_ITERATIONS: usize = 200;
+
+/// A step that lowers the cost by less than this share of it is the last: it is a ten-thousandth of a sigma with
+/// 10 000 points, and well above the rounding of the sum.
+const COST_TOLERANCE: f64 = 1e-12;
+
+/// Damping above which no step that lowers the cost is left: rounding has been reached.
+const MAX_DAMPING: f64 = 1e12;
+
+/// Returns the parameters that minimise a sum of squares, by Levenberg's damping of the Gauss–Newton step with
+/// Marquardt's scaling; `None` where it does not come to rest or leaves the numbers. A cost of at most `negligible` is
+/// rounding, and the end.
+pub(crate) fn minimise<S, const P: usize>(
+    start: S,
+    negligible: f64,
+    evaluate: impl Fn(&S) -> Normal<P>,
+    moved: impl Fn(&S, &SVector<f64, P>) -> S,
+) -> Option<S> {
+    let mut at = start;
+    let mut normal = evaluate(&at);
+    let mut damping = 1e-4;
+    for _ in 0..MAX_ITERATIONS {
+        if !normal.cost.is_finite() {
+            return None;
+        }
+        let mut damped = normal.matrix;
+        for i in 0..P {
+            damped[(i, i)] *= 1.0 + damping;
+        }
+        let trial = damped.cholesky().map(|factor| -factor.solve(&normal.gradient)).map(|step| {
+            let predicted = -step.dot(&normal.gradient);
+            let next = moved(&at, &step);
+            let next_normal = evaluate(&next);
+            (predicted, next, next_normal)
+        });
+        match trial {
+            Some((predicted, next, next_normal)) if next_normal.cost <= normal.cost => {
+                let done = damping < 1.0 && predicted <= COST_TOLERANCE * normal.cost;
+                (at, normal) = (next, next_normal);
+                damping = (damping / 10.0).max(1e-12);
+                if done || normal.cost <= negligible {
+                    return Some(at);
+                }
+            }
+            // At the minimum rounding alone may raise the cost.
+            Some((predicted, ..)) if damping < 1.0 && predicted <= COST_TOLERANCE * normal.cost => {
+                return Some(at);
+            }
+            _ if damping > MAX_DAMPING => return Some(at),
+            _ => damping *= 10.0,
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rosenbrock_valley_is_walked_to_its_end() {
+        // d = (10 (y − x²), 1 − x): the minimum is (1, 1), from the classic start (−1.2, 1).
+        let evaluate = |at: &SVector<f64, 2>| {
+            let d = [10.0 * (at[1] - at[0] * at[0]), 1.0 - at[0]];
+            let rows = [SVector::<f64, 2>::new(-20.0 * at[0], 10.0), SVector::<f64, 2>::new(-1.0, 0.0)];
+            let mut normal = Normal::zero();
+            for (d, row) in d.iter().zip(rows) {
+                normal.cost += d * d;
+                normal.gradient += row * *d;
+                normal.matrix += row * row.transpose();
+            }
+            normal
+        };
+        let found = minimise(SVector::<f64, 2>::new(-1.2, 1.0), 0.0, evaluate, |at, step| at + step);
+        let found = found.expect("a minimum");
+        assert!((found - SVector::<f64, 2>::new(1.0, 1.0)).norm() < 1e-9, "got {found}");
+    }
+
+    #[test]
+    fn a_cost_that_is_no_number_gives_nothing() {
+        let evaluate = |_: &f64| Normal::<1> { cost: f64::NAN, ..Normal::zero() };
+        assert!(minimise(0.0, 0.0, evaluate, |at, step| at + step[0]).is_none());
+    }
+}
