@@ -1,0 +1,505 @@
+//! The extractor: image → lines → candidates → track → fits → verdicts.
+
+use crate::lines::{Clip, Line, Lines};
+use crate::mle::{self, Fit, Start, WidthPrior};
+use crate::noise::{self, Residual};
+use crate::peak::{Candidate, Candidates, Search};
+use crate::profile::{Flags, Reject, Stripe};
+use crate::track::{Tracker, keep_runs};
+use crate::{Axis, NoiseModel, Pixel, Roi, StripeError, View};
+
+/// Signal-to-noise ratio of a candidate worth a fit; the verdict falls on the fitted flux.
+const CANDIDATE_SNR: f32 = 4.0;
+/// The same where the noise is still a guess.
+const FIRST_LOOK_SNR: f32 = 8.0;
+/// Narrowest believable width, px: a point through a perfect lens still covers the pixel it falls on.
+const NARROWEST_PX: f64 = 0.25;
+/// Half a fit's window, in widths plus pixels: holds 99.9 % of the stripe and some background on either side.
+const WINDOW: (f64, f64) = (3.2, 2.5);
+/// Reduced chi-square beyond which a fit is flagged as poor.
+const POOR_CHI2: f64 = 4.0;
+/// Skewness, in sigmas and absolute, beyond which a profile counts as lopsided.
+const SKEW: (f64, f64) = (4.0, 0.25);
+/// Degrees of freedom with which chi-square = 1 is believed before any pixel is seen.
+const CHI2_PRIOR_FREEDOM: f64 = 6.0;
+/// Lines that must agree with each other.
+const LEAST_RUN: usize = 3;
+/// Longest step between neighbours in a run: pixels plus widths.
+const RUN_STEP: (f32, f32) = (3.0, 2.0);
+/// Ratio of flux to a line two away (over the geometric mean on both sides) that counts as an albedo edge.
+const FLUX_JUMP: f64 = 1.6;
+/// Lines fitted for the estimate of noise and width; spread over the image.
+const TRAINING_LINES: usize = 400;
+/// Measurements below which the noise stays as guessed.
+const LEAST_TRAINING: usize = 12;
+
+/// What to extract and how to judge it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// Direction of the lines.
+    pub axis: Axis,
+    /// Region looked at; `None`: the whole image.
+    pub roi: Option<Roi>,
+    /// The camera's noise; `None`: estimated from each image.
+    pub noise: Option<NoiseModel>,
+    /// Clipping value where `noise` is not given, DN; `None`: the least 2ⁿ − 1 that the image does not exceed.
+    pub full_scale_dn: Option<f32>,
+    /// Least ratio of the fitted flux to its sigma.
+    pub min_snr: f32,
+    /// Largest standard deviation of the cross section, px.
+    pub max_width_px: f32,
+    /// Largest predicted sigma of the position, px.
+    pub max_sigma_px: f32,
+    /// Take measurements flagged [`Flags::EDGE`] out, as a calibration board's squares want it.
+    pub reject_edges: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            axis: Axis::PerRow,
+            roi: None,
+            noise: None,
+            full_scale_dn: None,
+            min_snr: 5.0,
+            max_width_px: 8.0,
+            max_sigma_px: 0.5,
+            reject_edges: false,
+        }
+    }
+}
+
+impl Options {
+    fn check(&self) -> Result<(), StripeError> {
+        let positive = |name, got: f32| {
+            if got.is_finite() && got > 0.0 {
+                Ok(())
+            } else {
+                Err(StripeError::InvalidOption { name, needed: "finite and positive", got: f64::from(got) })
+            }
+        };
+        positive("min_snr", self.min_snr)?;
+        positive("max_width_px", self.max_width_px)?;
+        positive("max_sigma_px", self.max_sigma_px)?;
+        if let Some(full_scale) = self.full_scale_dn {
+            positive("full_scale_dn", full_scale)?;
+        }
+        self.noise.map_or(Ok(()), |n| n.checked().map(|_| ()))
+    }
+}
+
+/// Finds the stripe in one image after another; keeps its buffers, and nothing else, from image to image, so that a
+/// result depends on its image alone.
+///
+/// # Examples
+/// ```
+/// use uw_stripe::{Extractor, Options, View};
+/// // A stripe centred on column 20.25, two pixels wide, on 16 rows.
+/// let pixels: Vec<u8> = (0..16 * 40)
+///     .map(|i| (200.0 * (-0.125 * (f64::from(i % 40) - 20.25).powi(2)).exp()) as u8)
+///     .collect();
+/// let mut extractor = Extractor::new(Options::default())?;
+/// let stripe = extractor.extract(View::packed(&pixels, 40, 16)?, None)?;
+/// assert_eq!(stripe.found(), 16);
+/// assert!(stripe.measurements().all(|m| (m.position_px - 20.25).abs() < 0.02));
+/// # Ok::<(), uw_stripe::StripeError>(())
+/// ```
+#[derive(Debug)]
+pub struct Extractor {
+    options: Options,
+    lines: Lines,
+    search: Search,
+    candidates: Vec<Candidates>,
+    tracker: Tracker,
+    choice: Vec<Option<usize>>,
+    fits: Vec<Option<Fit>>,
+    residuals: Vec<Residual>,
+    widths: Vec<f64>,
+    scratch: Vec<f32>,
+    keep: Vec<bool>,
+    stripe: Stripe,
+}
+
+impl Extractor {
+    /// An extractor with the given settings.
+    ///
+    /// # Errors
+    /// [`StripeError::InvalidOption`] for a setting out of range.
+    pub fn new(options: Options) -> Result<Self, StripeError> {
+        options.check()?;
+        Ok(Self {
+            options,
+            lines: Lines::default(),
+            search: Search::default(),
+            candidates: Vec::new(),
+            tracker: Tracker::default(),
+            choice: Vec::new(),
+            fits: Vec::new(),
+            residuals: Vec::new(),
+            widths: Vec::new(),
+            scratch: Vec::new(),
+            keep: Vec::new(),
+            stripe: Stripe::empty(),
+        })
+    }
+
+    /// The settings.
+    pub fn options(&self) -> &Options {
+        &self.options
+    }
+
+    /// The stripe in `image`, one entry a line; `background` is an image of the same scene with the laser off.
+    ///
+    /// # Errors
+    /// [`StripeError`] when background or region do not fit the image. An image without a stripe is no error: its lines
+    /// are rejected with reasons.
+    pub fn extract<P: Pixel>(
+        &mut self,
+        image: View<'_, P>,
+        background: Option<View<'_, P>>,
+    ) -> Result<&Stripe, StripeError> {
+        let full_scale = self.load(&image, background.as_ref())?;
+        let (noise, width) = match self.options.noise {
+            Some(noise) => {
+                self.find(&noise, CANDIDATE_SNR);
+                let (_, width) = self.train(noise, full_scale);
+                (noise, width)
+            }
+            None => {
+                let first = self.first_noise(full_scale);
+                self.find(&first, FIRST_LOOK_SNR);
+                let (noise, width) = self.train(first, full_scale);
+                self.find(&noise, CANDIDATE_SNR);
+                (noise, width)
+            }
+        };
+        self.stripe.reset(self.options.axis, self.options.axis.lines(image.width(), image.height()));
+        self.stripe.noise = noise;
+        self.measure(&noise, width);
+        Ok(&self.stripe)
+    }
+
+    /// The noise estimated from several images of one camera together: steadier than from each alone.
+    ///
+    /// # Errors
+    /// As [`Extractor::extract`], and [`StripeError::TooFewForNoise`] when the images hold too little of a stripe.
+    pub fn estimate_noise<'a, P: Pixel>(
+        &mut self,
+        images: impl IntoIterator<Item = View<'a, P>>,
+    ) -> Result<NoiseModel, StripeError> {
+        let (mut pooled, mut full_scale, mut got) = (Vec::new(), 0.0f32, 0);
+        let mut last = None;
+        for image in images {
+            let full = self.load(&image, None)?;
+            full_scale = full_scale.max(full);
+            let first = self.first_noise(full);
+            self.find(&first, FIRST_LOOK_SNR);
+            let (model, _) = self.train(first, full);
+            got += self.widths.len();
+            pooled.append(&mut self.residuals);
+            last = Some(model);
+        }
+        match last {
+            Some(model) if got >= LEAST_TRAINING => {
+                Ok(noise::photon_transfer(&pooled, &NoiseModel { full_scale_dn: full_scale, ..model }))
+            }
+            _ => Err(StripeError::TooFewForNoise { needed: LEAST_TRAINING, got }),
+        }
+    }
+
+    /// Checks and loads the image; gives the clipping value.
+    fn load<P: Pixel>(
+        &mut self,
+        image: &View<'_, P>,
+        background: Option<&View<'_, P>>,
+    ) -> Result<f32, StripeError> {
+        if let Some(b) = background.filter(|b| (b.width(), b.height()) != (image.width(), image.height())) {
+            return Err(StripeError::BackgroundSize {
+                needed_width: image.width(),
+                needed_height: image.height(),
+                got_width: b.width(),
+                got_height: b.height(),
+            });
+        }
+        let roi = self.options.roi.unwrap_or(image.bounds()).check(image.width(), image.height())?;
+        let full_scale =
+            self.options.noise.map(|n| n.full_scale_dn).or(self.options.full_scale_dn).unwrap_or_else(|| {
+                let rows = roi.y..roi.y + roi.height;
+                let row =
+                    |y| image.row(y)[roi.x..roi.x + roi.width].iter().map(|p| p.dn()).fold(0.0, f32::max);
+                noise::full_scale(P::MAX_DN, rows.map(row).fold(0.0, f32::max))
+            });
+        self.lines.load(image, background, roi, self.options.axis, full_scale);
+        Ok(full_scale)
+    }
+
+    fn first_noise(&mut self, full_scale: f32) -> NoiseModel {
+        let start = NoiseModel::start(full_scale);
+        let seen = noise::background_noise(&self.lines, &mut self.scratch);
+        // A floor that clips the dark shows no noise there; the guess stands in until the fits tell.
+        NoiseModel { read_noise_dn: if seen > 0.0 { seen } else { start.read_noise_dn }, ..start }
+    }
+
+    /// Candidates of every line, and the choice among them.
+    fn find(&mut self, noise: &NoiseModel, least_snr: f32) {
+        // A box of three widths holds most of a stripe.
+        let widest = (3.0 * self.options.max_width_px).ceil() as usize;
+        self.candidates.clear();
+        for i in 0..self.lines.count() {
+            self.candidates.push(self.search.candidates(self.lines.line(i), noise, widest, least_snr));
+        }
+        self.tracker.choose(&self.candidates, &mut self.choice);
+    }
+
+    /// Noise and typical width from the fits of lines spread over the image.
+    fn train(&mut self, first: NoiseModel, full_scale: f32) -> (NoiseModel, Option<WidthPrior>) {
+        /// Rounds: the weights of the fits follow the noise that the last round found.
+        const ROUNDS: usize = 3;
+        /// Flux over its sigma from which a width is worth averaging.
+        const CLEAR: f64 = 15.0;
+        /// A fit this many times worse than the median is not noise but another shape.
+        const OUTLIER: f64 = 4.0;
+        let mut noise = NoiseModel { full_scale_dn: full_scale, ..first };
+        let used = self.choice.iter().flatten().count();
+        let step = used.div_ceil(TRAINING_LINES).max(1);
+        for _ in 0..ROUNDS {
+            self.residuals.clear();
+            self.widths.clear();
+            let mut fits: Vec<(f64, Vec<Residual>, f64)> = Vec::new();
+            for (i, k) in self.choice.iter().enumerate().filter_map(|(i, k)| k.map(|k| (i, k))).step_by(step)
+            {
+                let line = self.lines.line(i);
+                let mut residuals = Vec::new();
+                let fit = refine(line, &noise, &self.candidates[i], k, None, Some(&mut residuals));
+                let Some(fit) =
+                    fit.filter(|f| f.converged && f.saturated == 0 && f.flux > CLEAR * f.sigma_flux)
+                else {
+                    continue;
+                };
+                if fit.freedom > 1.0 && fit.width < f64::from(self.options.max_width_px) {
+                    fits.push((fit.chi2 / fit.freedom, residuals, fit.width.ln()));
+                }
+            }
+            if fits.len() < LEAST_TRAINING {
+                return (noise, None);
+            }
+            let mut order: Vec<f64> = fits.iter().map(|f| f.0).collect();
+            let limit = OUTLIER * median(&mut order);
+            for (_, residuals, ln_width) in fits.into_iter().filter(|f| f.0 <= limit) {
+                self.residuals.extend(residuals);
+                self.widths.push(ln_width);
+            }
+            if self.options.noise.is_some() {
+                break;
+            }
+            noise = noise::photon_transfer(&self.residuals, &noise);
+        }
+        (noise, width_prior(&mut self.widths))
+    }
+
+    /// Fits, judges and writes the result.
+    fn measure(&mut self, noise: &NoiseModel, prior: Option<WidthPrior>) {
+        self.fits.clear();
+        for (i, k) in self.choice.iter().enumerate() {
+            let line = self.lines.line(i);
+            self.fits.push(k.and_then(|k| refine(line, noise, &self.candidates[i], k, prior, None)));
+        }
+        for i in 0..self.fits.len() {
+            self.judge(i);
+        }
+        let lines = self.lines.first_line..self.lines.first_line + self.fits.len();
+        let width = &self.stripe.width_px[lines.clone()];
+        let reach = |i: usize| RUN_STEP.0 + RUN_STEP.1 * width[i].max(0.0);
+        let least = LEAST_RUN.min(self.fits.len());
+        keep_runs(&self.stripe.position_px[lines.clone()], reach, least, &mut self.keep);
+        for (i, keep) in lines.zip(&self.keep) {
+            if !keep && self.stripe.reject[i].is_none() {
+                self.stripe.reject[i] = Some(Reject::Inconsistent);
+                self.stripe.position_px[i] = f32::NAN;
+            }
+        }
+    }
+
+    /// Verdict on line `i` of the region, all but its company.
+    fn judge(&mut self, i: usize) {
+        let o = &self.options;
+        let out = i + self.lines.first_line;
+        let Some(k) = self.choice[i] else {
+            self.stripe.reject[out] = Some(Reject::NoSignal);
+            return;
+        };
+        let candidates = self.candidates[i].as_slice();
+        let taken = candidates[k];
+        let rival =
+            candidates.iter().enumerate().find(|(j, _)| *j != k).map_or(0.0, |(_, c)| c.flux / taken.flux);
+        let Some(fit) = self.fits[i] else {
+            self.stripe.reject[out] = Some(Reject::NotConverged);
+            return;
+        };
+        // Chi-square per degree of freedom, drawn towards 1 since a handful of pixels says little.
+        let scale = (CHI2_PRIOR_FREEDOM + fit.chi2) / (CHI2_PRIOR_FREEDOM + fit.freedom);
+        let sigma = fit.sigma * scale.sqrt();
+        let mut flags = Flags::NONE;
+        let mut set = |flag, on| flags |= if on { flag } else { Flags::NONE };
+        let length = self.lines.length as f64;
+        set(Flags::SATURATED, fit.saturated > 0);
+        set(Flags::SEVERAL_PEAKS, rival > 0.0);
+        set(Flags::NOT_CONVERGED, !fit.converged);
+        set(Flags::POOR_FIT, fit.chi2 > POOR_CHI2 * fit.freedom.max(1.0));
+        set(
+            Flags::BORDER,
+            fit.centre - 3.0 * fit.width < -0.5 || fit.centre + 3.0 * fit.width > length - 0.5,
+        );
+        set(
+            Flags::EDGE,
+            fit.skew_snr.abs() > SKEW.0 * scale.sqrt() && fit.skew.abs() > SKEW.1 || self.flux_jumps(i),
+        );
+        let reach = taken.scale as f64 + 2.0 * fit.width;
+        let reject = if (fit.centre - taken.centre as f64).abs() > reach {
+            Some(Reject::NotConverged)
+        } else if fit.flux < f64::from(o.min_snr) * fit.sigma_flux * scale.sqrt() {
+            Some(if fit.saturated > 0 { Reject::Saturated } else { Reject::BelowThreshold })
+        } else if fit.width > f64::from(o.max_width_px) {
+            Some(Reject::TooWide)
+        } else if fit.width < NARROWEST_PX {
+            Some(Reject::TooNarrow)
+        } else if fit.centre - fit.width < -0.5 || fit.centre + fit.width > length - 0.5 {
+            Some(Reject::AtBorder)
+        } else if sigma > f64::from(o.max_sigma_px) {
+            Some(if fit.saturated > 0 { Reject::Saturated } else { Reject::Imprecise })
+        } else if o.reject_edges && flags.contains(Flags::EDGE) {
+            Some(Reject::Edge)
+        } else {
+            None
+        };
+        let s = &mut self.stripe;
+        if reject.is_none() {
+            s.position_px[out] = (fit.centre + self.lines.first_pixel as f64) as f32;
+        }
+        s.reject[out] = reject;
+        s.flags[out] = flags;
+        s.rival_ratio[out] = rival;
+        s.sigma_px[out] = sigma as f32;
+        s.amplitude[out] = (fit.flux / (fit.width * (2.0 * std::f64::consts::PI).sqrt())) as f32;
+        s.width_px[out] = fit.width as f32;
+        s.background[out] = fit.background as f32;
+        s.chi2[out] = (fit.chi2 / fit.freedom.max(1.0)) as f32;
+    }
+
+    /// True where the flux changes along the stripe faster than a smooth surface's would: at a square's border.
+    fn flux_jumps(&self, i: usize) -> bool {
+        let flux = |j: Option<usize>| j.and_then(|j| self.fits.get(j).copied().flatten()).map(|f| f.flux);
+        let (Some(before), Some(after)) = (flux(i.checked_sub(2)), flux(Some(i + 2))) else { return false };
+        let ratio = after / before;
+        !(1.0 / FLUX_JUMP..=FLUX_JUMP).contains(&ratio)
+    }
+}
+
+/// Fit of candidate `k` of a line, its window adapted to the width found.
+fn refine(
+    line: Line<'_>,
+    noise: &NoiseModel,
+    candidates: &Candidates,
+    k: usize,
+    prior: Option<WidthPrior>,
+    mut residuals: Option<&mut Vec<Residual>>,
+) -> Option<Fit> {
+    /// Fits with the window of the one before.
+    const ROUNDS: usize = 3;
+    /// Ratio of window wanted to window used within which the fit stands.
+    const WINDOW_FITS: std::ops::Range<f64> = 0.75..1.34;
+    let taken = *candidates.as_slice().get(k)?;
+    let (centre, mut width) = shape(line, &taken, prior);
+    let mut start = Start {
+        centre,
+        width,
+        flux: f64::from(taken.flux.max(f32::MIN_POSITIVE)),
+        background: f64::from(taken.background),
+        from: 0,
+        to: 0,
+    };
+    let mut best = None;
+    for _ in 0..ROUNDS {
+        let half = WINDOW.0 * width + WINDOW.1;
+        (start.from, start.to) = window(start.centre, half, candidates, k, line.value.len());
+        if let Some(r) = residuals.as_deref_mut() {
+            r.clear();
+        }
+        let Some(fit) = mle::fit(line, noise, start, prior, residuals.as_deref_mut()) else { break };
+        best = Some(fit);
+        let wanted = WINDOW.0 * fit.width + WINDOW.1;
+        // A fit that ran out of its window is judged as it is.
+        if WINDOW_FITS.contains(&(wanted / half))
+            || !(start.from as f64..start.to as f64).contains(&fit.centre)
+        {
+            break;
+        }
+        width = fit.width;
+        start = Start { centre: fit.centre, width, flux: fit.flux, background: fit.background, ..start };
+    }
+    best
+}
+
+/// Pixels within `half` of the centre, stopped midway to the next candidate on either side.
+fn window(centre: f64, half: f64, candidates: &Candidates, k: usize, length: usize) -> (usize, usize) {
+    let (mut low, mut high) = (centre - half, centre + half);
+    let own = candidates.as_slice()[k];
+    for other in candidates.as_slice().iter().filter(|c| c.centre != own.centre) {
+        let middle = 0.5 * (other.centre + own.centre) as f64;
+        if other.centre < own.centre {
+            low = low.max(middle);
+        } else {
+            high = high.min(middle);
+        }
+    }
+    let from = low.ceil().max(0.0) as usize;
+    let to = (high.floor().max(-1.0) + 1.0) as usize;
+    (from.min(length), to.min(length))
+}
+
+/// Centre and width to start from: first and second moment of what rises above the surroundings in the best box.
+fn shape(line: Line<'_>, c: &Candidate, prior: Option<WidthPrior>) -> (f64, f64) {
+    let half = c.scale / 2;
+    let (from, to) = (c.centre.saturating_sub(half), (c.centre + half + 1).min(line.value.len()));
+    let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
+    let mut clipped = 0;
+    for i in from..to {
+        let v = f64::from(line.value[i] - c.background).max(0.0);
+        let d = i as f64 - c.centre as f64;
+        clipped += usize::from(line.clip[i] == Clip::Full);
+        sum += v;
+        first += v * d;
+        second += v * d * d;
+    }
+    if sum <= 0.0 {
+        return (c.centre as f64, prior.map_or(1.0, |p| p.ln_width.exp()));
+    }
+    let mean = first / sum;
+    let width = (second / sum - mean * mean - 1.0 / 12.0).max(0.25).sqrt();
+    // A clipped plateau is flatter than the stripe below it.
+    let width = if clipped > 0 { width.min(0.5 * clipped as f64 + 0.5) } else { width };
+    (c.centre as f64 + mean, width)
+}
+
+/// Median and robust spread of ln width, the spread widened so that a weak prior results.
+fn width_prior(ln_widths: &mut [f64]) -> Option<WidthPrior> {
+    /// Widths change along a stripe by focus and slope; the sample may not show by how much.
+    const LEAST_SIGMA: f64 = 0.25;
+    /// MAD to sigma, doubled.
+    const SPREAD: f64 = 2.0 * 1.4826;
+    if ln_widths.len() < LEAST_TRAINING {
+        return None;
+    }
+    let ln_width = median(ln_widths);
+    let mut off: Vec<f64> = ln_widths.iter().map(|w| (w - ln_width).abs()).collect();
+    Some(WidthPrior { ln_width, sigma: (SPREAD * median(&mut off)).max(LEAST_SIGMA) })
+}
+
+/// Upper median; 0 for an empty slice.
+fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}

@@ -1,0 +1,203 @@
+//! How noisy a grey value is: the model, and its estimate from the image itself.
+
+use crate::StripeError;
+use crate::lines::Lines;
+
+/// Variance of rounding to whole DN, DN².
+pub(crate) const QUANTISATION: f64 = 1.0 / 12.0;
+/// Full well that a starting value of the gain assumes, e⁻; typical of industrial cameras, replaced by the estimate.
+const TYPICAL_FULL_WELL_E: f32 = 1.0e4;
+
+/// Noise of a grey value μ that holds a stripe's signal s: variance
+/// `read_noise² + 1/12 + μ / gain + (speckle_contrast · s)²`, DN².
+///
+/// Photon transfer (J. Janesick, *Photon Transfer*, SPIE 2007) with the multiplicative term that speckle adds
+/// (J. W. Goodman, *Speckle Phenomena in Optics*, 2007).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NoiseModel {
+    /// Electrons a DN.
+    pub gain_e_per_dn: f32,
+    /// Standard deviation in the dark, without rounding, DN.
+    pub read_noise_dn: f32,
+    /// Standard deviation over mean of the laser's speckle, per pixel.
+    pub speckle_contrast: f32,
+    /// Grey value at and above which pixels are clipped, DN.
+    pub full_scale_dn: f32,
+}
+
+impl NoiseModel {
+    /// A mid-range camera, to begin an estimate with.
+    pub(crate) fn start(full_scale_dn: f32) -> Self {
+        Self {
+            gain_e_per_dn: TYPICAL_FULL_WELL_E / full_scale_dn,
+            read_noise_dn: full_scale_dn / 255.0,
+            speckle_contrast: 0.0,
+            full_scale_dn,
+        }
+    }
+
+    /// The model itself when all its values can be used.
+    ///
+    /// # Errors
+    /// [`StripeError::InvalidOption`] for a value that is not finite or out of range.
+    pub fn checked(self) -> Result<Self, StripeError> {
+        let positive = |name, v: f32| {
+            if v.is_finite() && v > 0.0 {
+                Ok(())
+            } else {
+                Err(StripeError::InvalidOption { name, needed: "finite and positive", got: f64::from(v) })
+            }
+        };
+        let not_negative = |name, v: f32| {
+            if v.is_finite() && v >= 0.0 {
+                Ok(())
+            } else {
+                Err(StripeError::InvalidOption { name, needed: "finite and not negative", got: f64::from(v) })
+            }
+        };
+        positive("gain_e_per_dn", self.gain_e_per_dn)?;
+        positive("full_scale_dn", self.full_scale_dn)?;
+        not_negative("read_noise_dn", self.read_noise_dn)?;
+        not_negative("speckle_contrast", self.speckle_contrast)?;
+        Ok(self)
+    }
+
+    /// Variance, DN², of a pixel whose expected grey value is `level_dn`, `signal_dn` of it the stripe's.
+    pub fn variance(&self, level_dn: f64, signal_dn: f64) -> f64 {
+        let read = f64::from(self.read_noise_dn);
+        let speckle = f64::from(self.speckle_contrast) * signal_dn;
+        read * read + QUANTISATION + level_dn.max(0.0) / f64::from(self.gain_e_per_dn) + speckle * speckle
+    }
+}
+
+/// The value at which the image is clipped, DN: its type's largest for 8 bits; for 16 bits the least 2ⁿ − 1, n ≥ 8,
+/// that the image does not exceed, since cameras right-justify 10, 12 or 14 bits.
+pub(crate) fn full_scale(type_max_dn: f32, image_max_dn: f32) -> f32 {
+    let mut full = 255.0;
+    while full < image_max_dn && full < type_max_dn {
+        full = full * 2.0 + 1.0;
+    }
+    full
+}
+
+/// Standard deviation of the background from differences of neighbouring pixels, DN; 0 where the floor clips it all.
+///
+/// The median absolute difference ignores stripes and edges, and needs no flat area (Immerkær 1996, reduced to one
+/// direction). Every seventh pixel is enough and keeps it cheap.
+pub(crate) fn background_noise(lines: &Lines, scratch: &mut Vec<f32>) -> f32 {
+    const STEP: usize = 7;
+    /// Median of |N(0,1) − N(0,1)|.
+    const MEDIAN_ABS_DIFFERENCE: f32 = 0.9539;
+    scratch.clear();
+    scratch.extend(lines.value.windows(2).step_by(STEP).map(|p| (p[1] - p[0]).abs()));
+    if scratch.is_empty() {
+        return 0.0;
+    }
+    let middle = scratch.len() / 2;
+    let (_, median, _) = scratch.select_nth_unstable_by(middle, f32::total_cmp);
+    *median / MEDIAN_ABS_DIFFERENCE
+}
+
+/// One unclipped pixel of a fitted stripe: what photon transfer is read from.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Residual {
+    /// Fitted grey value, DN.
+    pub level: f64,
+    /// The stripe's part of it, DN.
+    pub signal: f64,
+    /// Square of measured minus fitted, DN².
+    pub square: f64,
+    /// Variance that the fit assumed, DN².
+    pub variance: f64,
+    /// 1 − leverage: the share of the variance that the fit leaves in the residual.
+    pub freedom: f64,
+}
+
+/// Reads gain, read noise and speckle contrast off the residuals of stripe fits.
+///
+/// The residuals are binned by level; in each bin the assumed variance is rescaled by Σ r² / Σ v (1 − h) and the model
+/// fitted to the bins by least squares on relative errors with all three terms kept ≥ 0.
+pub(crate) fn photon_transfer(residuals: &[Residual], now: &NoiseModel) -> NoiseModel {
+    /// Bins an octave of the level, and how many; from below one DN up to 16 bits.
+    const PER_OCTAVE: f64 = 2.0;
+    const BINS: usize = 40;
+    /// Degrees of freedom below which a bin says nothing.
+    const LEAST_FREEDOM: f64 = 8.0;
+    #[derive(Clone, Copy, Default)]
+    struct Bin {
+        got: f64,
+        expected: f64,
+        freedom: f64,
+        level: f64,
+        signal: f64,
+        variance: f64,
+        count: f64,
+    }
+    let mut bins = [Bin::default(); BINS];
+    for r in residuals {
+        let at = ((1.0 + r.level.max(0.0)).log2() * PER_OCTAVE) as usize;
+        let bin = &mut bins[at.min(BINS - 1)];
+        bin.got += r.square;
+        bin.expected += r.variance * r.freedom;
+        bin.freedom += r.freedom;
+        bin.level += r.level.max(0.0);
+        bin.signal += r.signal * r.signal;
+        bin.variance += r.variance;
+        bin.count += 1.0;
+    }
+    // Rows of the relative least-squares problem: (1, level, signal²) · x = variance − 1/12, each weighted by the bin's
+    // freedom (the relative variance of a variance estimate is 2 / freedom).
+    let mut rows = [([0.0f64; 3], 0.0f64); BINS];
+    let mut used = 0;
+    for bin in bins.iter().filter(|b| b.freedom >= LEAST_FREEDOM && b.expected > 0.0) {
+        let variance = bin.variance / bin.count * (bin.got / bin.expected);
+        let target = (variance - QUANTISATION).max(0.0);
+        let weight = bin.freedom.sqrt() / variance.max(QUANTISATION);
+        let terms = [1.0, bin.level / bin.count, bin.signal / bin.count];
+        rows[used] = (terms.map(|t| t * weight), target * weight);
+        used += 1;
+    }
+    let Some(x) = least_squares_not_negative(&rows[..used]) else { return *now };
+    NoiseModel {
+        read_noise_dn: x[0].sqrt() as f32,
+        gain_e_per_dn: if x[1] > 0.0 { (1.0 / x[1]).min(1e6) as f32 } else { 1e6 },
+        speckle_contrast: x[2].sqrt() as f32,
+        full_scale_dn: now.full_scale_dn,
+    }
+}
+
+/// The least-squares solution with x ≥ 0 over three columns: the best of the seven subsets whose plain solution is
+/// not negative. `None` with fewer rows than columns.
+fn least_squares_not_negative(rows: &[([f64; 3], f64)]) -> Option<[f64; 3]> {
+    if rows.len() < 3 {
+        return None;
+    }
+    let mut best: Option<(f64, [f64; 3])> = None;
+    for subset in 1u8..8 {
+        let mut normal = nalgebra::Matrix3::<f64>::zeros();
+        let mut right = nalgebra::Vector3::<f64>::zeros();
+        for (terms, target) in rows {
+            let used = nalgebra::Vector3::from_fn(|k, _| if subset >> k & 1 == 1 { terms[k] } else { 0.0 });
+            normal += used * used.transpose();
+            right += used * *target;
+        }
+        for k in 0..3 {
+            if subset >> k & 1 == 0 {
+                normal[(k, k)] = 1.0;
+            }
+        }
+        // Levels spread over five decades: scale to a unit diagonal before factoring.
+        let scale = nalgebra::Vector3::from_fn(|k, _| normal[(k, k)].max(f64::MIN_POSITIVE).sqrt().recip());
+        let scaled = nalgebra::Matrix3::from_fn(|r, c| normal[(r, c)] * scale[r] * scale[c]);
+        let Some(factor) = scaled.cholesky() else { continue };
+        let x = factor.solve(&right.component_mul(&scale)).component_mul(&scale);
+        if !x.iter().all(|v| v.is_finite() && *v >= 0.0) {
+            continue;
+        }
+        let cost: f64 = rows.iter().map(|(t, y)| (t[0] * x[0] + t[1] * x[1] + t[2] * x[2] - y).powi(2)).sum();
+        if best.is_none_or(|(least, _)| cost < least) {
+            best = Some((cost, [x[0], x[1], x[2]]));
+        }
+    }
+    best.map(|(_, x)| x)
+}

@@ -1,0 +1,128 @@
+//! Candidates: where on a line something stands out of its surroundings like a stripe.
+
+use crate::NoiseModel;
+use crate::lines::Line;
+
+/// Candidates kept a line.
+pub(crate) const KEPT: usize = 4;
+
+/// A stripe-like peak.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Candidate {
+    /// Centre of the best box, pixels from the start of the line.
+    pub centre: usize,
+    /// Pixels of the box that fits best.
+    pub scale: usize,
+    /// Contrast of the box in units of its noise.
+    pub snr: f32,
+    /// Light in the box above its surroundings, DN · px.
+    pub flux: f32,
+    /// Mean of the surroundings, DN.
+    pub background: f32,
+}
+
+/// The strongest candidates of a line, by flux in falling order.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Candidates {
+    items: [Candidate; KEPT],
+    len: usize,
+}
+
+impl Candidates {
+    /// The candidates.
+    pub fn as_slice(&self) -> &[Candidate] {
+        &self.items[..self.len]
+    }
+
+    fn push(&mut self, c: Candidate) {
+        let at = self.as_slice().iter().position(|o| c.flux > o.flux).unwrap_or(self.len);
+        if at < KEPT {
+            self.len = (self.len + 1).min(KEPT);
+            self.items.copy_within(at..self.len - 1, at + 1);
+            self.items[at] = c;
+        }
+    }
+}
+
+/// Reused buffers of the search.
+#[derive(Debug, Default)]
+pub(crate) struct Search {
+    sums: Vec<f64>,
+    best: Vec<Candidate>,
+}
+
+impl Search {
+    /// Looks for candidates above `least_snr` that `widest` pixels' boxes can hold.
+    ///
+    /// Box Laplacian of Gaussian: mean of a box minus mean of the boxes of the same length on either side, at lengths
+    /// 3, 5, 9, 17, …; its noise from the model at the surroundings' level, so that haze raises the threshold where it
+    /// is. A step of brightness answers on one side only, so the box must stand out of both sides.
+    pub fn candidates(
+        &mut self,
+        line: Line<'_>,
+        noise: &NoiseModel,
+        widest: usize,
+        least_snr: f32,
+    ) -> Candidates {
+        let n = line.value.len();
+        self.sums.clear();
+        self.sums.push(0.0);
+        let mut sum = 0.0;
+        for &v in line.value {
+            sum += f64::from(v);
+            self.sums.push(sum);
+        }
+        self.best.clear();
+        self.best.resize(n, Candidate::default());
+        let mut half = 1;
+        while 2 * half < widest.max(3) {
+            self.scan(line, noise, half, least_snr);
+            half *= 2;
+        }
+        let mut found = Candidates::default();
+        for i in 0..n {
+            let c = self.best[i];
+            if c.snr <= 0.0 {
+                continue;
+            }
+            // The peak of its own box's reach, and of the reach of any wider box that covers it.
+            let reach = c.scale;
+            let rival = |j: usize| self.best[j].snr.total_cmp(&c.snr).then(i.cmp(&j)).is_gt();
+            if !(i.saturating_sub(reach)..(i + reach + 1).min(n)).any(rival) {
+                found.push(c);
+            }
+        }
+        found
+    }
+
+    fn scan(&mut self, line: Line<'_>, noise: &NoiseModel, half: usize, least_snr: f32) {
+        let n = line.value.len();
+        let scale = 2 * half + 1;
+        for centre in 0..n {
+            // At the border the boxes are cut; a side without pixels counts as the other.
+            let (from, to) = (centre.saturating_sub(half), (centre + half + 1).min(n));
+            let (before, after) = (from.saturating_sub(scale), (to + scale).min(n));
+            let box_mean = (self.sums[to] - self.sums[from]) / (to - from) as f64;
+            let left =
+                (from > before).then(|| (self.sums[from] - self.sums[before]) / (from - before) as f64);
+            let right = (after > to).then(|| (self.sums[after] - self.sums[to]) / (after - to) as f64);
+            let (Some(left), Some(right)) = (left.or(right), right.or(left)) else { continue };
+            let around = 0.5 * (left + right);
+            let contrast = box_mean - around;
+            if contrast <= 0.0 {
+                continue;
+            }
+            let level = around.max(0.0) + line.pedestal(centre);
+            let variance = noise.variance(level, 0.0)
+                + if line.pedestal(centre) > 0.0 { noise.variance(level, 0.0) } else { 0.0 };
+            let outside = ((from - before) + (after - to)).max(1);
+            let sigma = (variance * (1.0 / (to - from) as f64 + 1.0 / outside as f64)).sqrt();
+            let snr = (contrast / sigma) as f32;
+            if snr > self.best[centre].snr && snr >= least_snr && box_mean - left.max(right) > 0.5 * contrast
+            {
+                let flux = (contrast * (to - from) as f64) as f32;
+                self.best[centre] = Candidate { centre, scale, snr, flux, background: around as f32 };
+            }
+        }
+    }
+}
