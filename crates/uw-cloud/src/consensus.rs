@@ -1,7 +1,8 @@
 //! A start that most of the points may contradict: the best of many shapes through random minimal samples.
 
-use crate::fit::{Sample, Surface, refine};
+use crate::fit::{Surface, refine};
 use crate::robust::{Random, ranked};
+use crate::sample::Sample;
 use nalgebra::Vector3;
 
 /// Share of the points, beyond those that any shape passes through, that has to agree with the start: up to seven

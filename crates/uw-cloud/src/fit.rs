@@ -26,44 +26,21 @@
 //! Q the covariance of the foot along the surface. Where that reaches half of A in any direction, the points do not
 //! determine the shape and there is no result; below that it is taken off A.
 
-use crate::cloud::{PointCloud, unpacked};
-use crate::error::{CloudError, FitError};
+use crate::error::FitError;
+use crate::floor::{Floor, noise_floor};
 use crate::newton::{MAX_ITERATIONS, Normal, minimise};
 use crate::robust::{rejection_limit, scale_about_zero, student_widening};
-use nalgebra::{DMatrix, Matrix3, SMatrix, SVector, Vector3};
+use crate::sample::{Observation, Sample};
+use nalgebra::{DMatrix, SMatrix, SVector, Vector3};
 
 /// Share of feigned information that is refused.
 const MAX_NOISE_SHARE: f64 = 0.5;
 
-/// A covariance's negative eigenvalue, in shares of its largest, that its rounding to f32 explains.
-const COVARIANCE_ROUNDING: f64 = 1e-5;
-
 /// Rounds of choosing inliers and floor; they mostly settle within six.
 const MAX_ROUNDS: usize = 30;
 
-/// One point, relative to the centre of its [`Sample`], with the principal axes of its covariance.
-#[derive(Debug, Clone)]
-pub(crate) struct Observation {
-    /// Position, mm.
-    pub(crate) point: Vector3<f64>,
-    /// Principal axes of the covariance, as columns.
-    pub(crate) axes: Matrix3<f64>,
-    /// Variances along them, mm².
-    pub(crate) variances: Vector3<f64>,
-}
-
-impl Observation {
-    /// Returns the same position without its covariance.
-    pub(crate) fn bare(&self) -> Self {
-        Self { point: self.point, axes: Matrix3::identity(), variances: Vector3::zeros() }
-    }
-
-    /// Returns V = C + f² I, mm².
-    pub(crate) fn covariance(&self, floor_mm: f64) -> Matrix3<f64> {
-        let variances = self.variances.add_scalar(floor_mm * floor_mm);
-        self.axes * Matrix3::from_diagonal(&variances) * self.axes.transpose()
-    }
-}
+/// Change of the floor's logarithm that no longer matters: less than a step of its search.
+const FLOOR_TOLERANCE: f64 = 0.2;
 
 /// Where a point belongs on a surface, under its own covariance.
 pub(crate) struct Foot<const P: usize> {
@@ -126,87 +103,6 @@ pub struct Deviations {
     pub floor_mm: Option<f64>,
 }
 
-/// The distinct points of a cloud, moved to the middle of them so that offsets cost no digits.
-pub(crate) struct Sample {
-    /// The points.
-    pub(crate) observations: Vec<Observation>,
-    /// What was subtracted from the positions, mm.
-    pub(crate) centre: Vector3<f64>,
-    duplicates: usize,
-    has_covariances: bool,
-    /// Distances below this are rounding of the coordinates, mm.
-    pub(crate) resolution_mm: f64,
-}
-
-impl Sample {
-    /// Returns the points of a cloud for a shape of `unknowns` parameters.
-    pub(crate) fn new(cloud: &PointCloud, shape: &'static str, unknowns: usize) -> Result<Self, FitError> {
-        check_positions(cloud)?;
-        let mut order: Vec<usize> = (0..cloud.len()).collect();
-        let key = |i: &usize| cloud.positions_mm()[*i].map(|c| c + 0.0);
-        let compare = |a: &usize, b: &usize| {
-            let (a, b) = (key(a), key(b));
-            a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]))
-        };
-        order.sort_by(compare);
-        order.dedup_by(|a, b| compare(a, b).is_eq());
-        order.sort_unstable();
-        let covariances = cloud.covariances_mm2().filter(|all| all.iter().flatten().any(|&c| c != 0.0));
-        let needed = unknowns + usize::from(covariances.is_none());
-        if order.len() < needed {
-            return Err(FitError::TooFewPoints { shape, needed, got: order.len() });
-        }
-        let middle = |axis: usize| {
-            crate::robust::median(
-                &mut order.iter().map(|&i| cloud.positions_mm()[i][axis]).collect::<Vec<_>>(),
-            )
-        };
-        let centre = Vector3::new(middle(0), middle(1), middle(2));
-        let mut largest = 0.0_f64;
-        let mut observations = Vec::with_capacity(order.len());
-        for &index in &order {
-            let position = cloud.vector(index);
-            largest = largest.max(position.amax());
-            let mut observation = Observation {
-                point: position - centre,
-                axes: Matrix3::identity(),
-                variances: Vector3::zeros(),
-            };
-            if let Some(covariance) = covariances.map(|all| &all[index]) {
-                let eigen = unpacked(covariance).symmetric_eigen();
-                let least = eigen.eigenvalues.min();
-                if least < -COVARIANCE_ROUNDING * eigen.eigenvalues.max() {
-                    return Err(FitError::InvalidCovariance { index, variance_mm2: least });
-                }
-                observation.axes = eigen.eigenvectors;
-                observation.variances = eigen.eigenvalues.map(|v| v.max(0.0));
-            }
-            observations.push(observation);
-        }
-        Ok(Self {
-            duplicates: cloud.len() - order.len(),
-            observations,
-            centre,
-            has_covariances: covariances.is_some(),
-            resolution_mm: 16.0 * f64::EPSILON * largest,
-        })
-    }
-}
-
-/// Checks that all that a fit uses is finite, and small enough for squares of it to be.
-fn check_positions(cloud: &PointCloud) -> Result<(), CloudError> {
-    let usable = |value: f64| value.abs() < 1e100;
-    let bad = |attribute, index| CloudError::NonFinite { attribute, index };
-    if let Some(index) = cloud.positions_mm().iter().position(|p| !p.iter().all(|&c| usable(c))) {
-        return Err(bad("position", index));
-    }
-    let covariances = cloud.covariances_mm2().unwrap_or_default();
-    match covariances.iter().position(|c| !c.iter().all(|c| c.is_finite())) {
-        Some(index) => Err(bad("covariance", index)),
-        None => Ok(()),
-    }
-}
-
 /// A fitted surface with the covariance of its parameters.
 pub(crate) struct Fitted<S, const P: usize> {
     pub(crate) surface: S,
@@ -214,8 +110,8 @@ pub(crate) struct Fitted<S, const P: usize> {
     pub(crate) deviations: Deviations,
     /// Positions in the sample of the points that were used.
     pub(crate) inliers: Vec<usize>,
-    /// Σ d² over all points, each at most at the rejection limit, in units of the scale.
-    pub(crate) robust_chi2: f64,
+    /// Noise floor and scale that it was fitted with.
+    floor: Floor,
 }
 
 /// Returns the surface of least Σ d² over the given points, from a start; `None` where there is none.
@@ -246,41 +142,6 @@ fn normal_equations<'a, S: Surface<P>, const P: usize>(
     normal
 }
 
-/// The variance beyond the covariances: f as it is most likely, and f as it is used in weights.
-#[derive(Debug, Clone, Copy)]
-struct Floor {
-    likely_mm: f64,
-    used_mm: f64,
-    /// φ at the most likely f.
-    scale: f64,
-}
-
-/// Returns the noise floor from (residual along the normal, nᵀCn) of the inliers, for a shape of `unknowns`.
-///
-/// −2 ln L = dof ln φ(f) + Σ ln(a + f²), φ(f) = Σ r²/(a + f²) / dof, searched between a thousandth of the typical
-/// normal sigma and the scatter, in steps of about 15 %.
-fn noise_floor(residuals: &[(f64, f64)], unknowns: usize, resolution_mm: f64) -> Floor {
-    const STEPS: i32 = 64;
-    let dof = residuals.len().saturating_sub(unknowns).max(1) as f64;
-    let scatter = (residuals.iter().map(|(r, _)| r * r).sum::<f64>() / dof).sqrt();
-    let sigma = residuals.iter().map(|(_, a)| a).sum::<f64>().sqrt() / (residuals.len().max(1) as f64).sqrt();
-    let lowest = (1e-3 * sigma).max(1e-4 * scatter).max(resolution_mm).max(f64::MIN_POSITIVE.sqrt());
-    let highest = scatter.max(lowest);
-    let scale = |f2: f64| residuals.iter().map(|(r, a)| r * r / (a + f2)).sum::<f64>() / dof;
-    let deviance = |f2: f64| {
-        dof * scale(f2).max(f64::MIN_POSITIVE).ln()
-            + residuals.iter().map(|(_, a)| (a + f2).ln()).sum::<f64>()
-    };
-    let tried: Vec<(f64, f64)> = (0..=STEPS)
-        .map(|i| lowest * (highest / lowest).powf(f64::from(i) / f64::from(STEPS)))
-        .map(|f| (f, deviance(f * f)))
-        .collect();
-    let likely = tried.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((lowest, 0.0));
-    let used_mm =
-        tried.iter().rev().find(|(_, deviance)| *deviance <= likely.1 + 1.0).map_or(likely.0, |(f, _)| *f);
-    Floor { likely_mm: likely.0, used_mm, scale: scale(likely.0 * likely.0) }
-}
-
 /// Returns the maximum-likelihood surface for the points that agree with it, beginning at a start whose points
 /// scatter by `scatter_mm`.
 pub(crate) fn fit<S: Surface<P>, const P: usize>(
@@ -289,17 +150,14 @@ pub(crate) fn fit<S: Surface<P>, const P: usize>(
     sample: &Sample,
 ) -> Result<Fitted<S, P>, FitError> {
     let all = &sample.observations;
-    let with_covariances = sample.has_covariances;
-    let needed = P + usize::from(!with_covariances);
+    let needed = P + usize::from(!sample.has_covariances);
     let limit = rejection_limit(all.len());
     let reach = limit * scatter_mm.max(sample.resolution_mm);
     let mut surface = start;
     let mut inliers: Vec<bool> = all.iter().map(|o| surface.distance(&o.point).abs() <= reach).collect();
-    let first = if with_covariances { scatter_mm.max(sample.resolution_mm) } else { 1.0 };
+    let first = if sample.has_covariances { scatter_mm.max(sample.resolution_mm) } else { 1.0 };
     let mut floor = Floor { likely_mm: first, used_mm: first, scale: 1.0 };
-    let mut feet: Vec<Foot<P>> = Vec::new();
-    let mut accepted_scale = 1.0;
-    for _ in 0..MAX_ROUNDS {
+    for round in 1.. {
         let count = inliers.iter().filter(|&&sound| sound).count();
         if count < needed {
             return Err(FitError::NoConsensus { shape: S::NAME, needed, got: count, points: all.len() });
@@ -307,43 +165,58 @@ pub(crate) fn fit<S: Surface<P>, const P: usize>(
         let sound = || all.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(o, _)| o);
         surface = refine(surface, sound(), floor.used_mm, sample.resolution_mm)
             .ok_or(FitError::NotConverged { shape: S::NAME, iterations: MAX_ITERATIONS })?;
-        let used2 = floor.used_mm * floor.used_mm;
-        feet = all.iter().map(|o| surface.foot(o, floor.used_mm)).collect();
-        let kept = || feet.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(foot, _)| foot);
-        let robust_scale = scale_about_zero(kept().map(Foot::distance)).powi(2);
-        // A covariance that is too large by all appearances still says what error was to be expected.
-        accepted_scale = if with_covariances { robust_scale.max(1.0) } else { robust_scale };
-        let mut next_floor = floor;
-        if with_covariances {
+        let feet: Vec<_> = all.iter().map(|o| surface.foot(o, floor.used_mm)).collect();
+        let kept: Vec<_> = feet.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(f, _)| f).collect();
+        let mut accepted = scale_about_zero(kept.iter().map(|f| f.distance()));
+        let next_floor = if sample.has_covariances {
+            // A covariance that is too large by all appearances still says what error was to be expected.
+            accepted = accepted.max(1.0);
+            let used2 = floor.used_mm * floor.used_mm;
             let residuals: Vec<_> =
-                kept().map(|f| (f.residual_mm, (f.variance_mm2 - used2).max(0.0))).collect();
-            next_floor = noise_floor(&residuals, P, sample.resolution_mm);
+                kept.iter().map(|f| (f.residual_mm, (f.variance_mm2 - used2).max(0.0))).collect();
+            noise_floor(&residuals, P, sample.resolution_mm)
         } else {
-            next_floor.scale =
-                kept().map(|f| f.distance().powi(2)).sum::<f64>() / count.saturating_sub(P).max(1) as f64;
-        }
-        let next: Vec<bool> = feet
-            .iter()
-            .map(|f| {
-                f.distance().abs() <= limit * accepted_scale.sqrt()
-                    || f.residual_mm.abs() <= sample.resolution_mm
-            })
-            .collect();
-        let settled = next == inliers && next_floor.used_mm.total_cmp(&floor.used_mm).is_eq();
-        let nearly = (next_floor.used_mm / floor.used_mm).ln().abs() < 0.2;
-        if settled || (next == inliers && nearly) {
-            // Inliers and weights stay as the surface was fitted with; the estimates are the latest.
-            floor = Floor { used_mm: floor.used_mm, ..next_floor };
-            break;
+            let chi2: f64 = kept.iter().map(|f| f.distance().powi(2)).sum();
+            Floor { scale: chi2 / count.saturating_sub(P).max(1) as f64, ..floor }
+        };
+        let sound = |f: &Foot<P>| {
+            f.distance().abs() <= limit * accepted || f.residual_mm.abs() <= sample.resolution_mm
+        };
+        let next: Vec<bool> = feet.iter().map(sound).collect();
+        let settled = next == inliers && (next_floor.used_mm / floor.used_mm).ln().abs() < FLOOR_TOLERANCE;
+        if settled || round == MAX_ROUNDS {
+            // Inliers and weights are those that the surface was fitted with; the estimates are the latest.
+            let floor = Floor { used_mm: floor.used_mm, ..next_floor };
+            let inliers: Vec<usize> = (0..all.len()).filter(|&i| inliers[i]).collect();
+            let covariance = covariance(&surface, sample, &feet, &inliers, floor)?;
+            let deviations = deviations(&surface, sample, &inliers, floor);
+            return Ok(Fitted { surface, covariance, deviations, inliers, floor });
         }
         (inliers, floor) = (next, next_floor);
     }
-    let robust_chi2 =
-        feet.iter().map(|f| (f.distance().powi(2) / accepted_scale.max(1e-300)).min(limit * limit)).sum();
-    let indices: Vec<usize> = (0..all.len()).filter(|&i| inliers[i]).collect();
-    let covariance = covariance(&surface, sample, &feet, &indices, floor)?;
-    let deviations = deviations(&surface, sample, &indices, floor);
-    Ok(Fitted { surface, covariance, deviations, inliers: indices, robust_chi2 })
+    Err(FitError::NotConverged { shape: S::NAME, iterations: MAX_ROUNDS })
+}
+
+/// Returns how much worse `other` explains a sample than `fitted` does, as a difference of chi²: Σ d²/φ over all
+/// points, each at most at the rejection limit, both in the floor and the scale of the one that is nearer to most points.
+pub(crate) fn chi2_difference<S: Surface<P>, const P: usize>(
+    other: &Fitted<S, P>,
+    fitted: &Fitted<S, P>,
+    sample: &Sample,
+) -> f64 {
+    let all = &sample.observations;
+    let nearness = |fit: &Fitted<S, P>| scale_about_zero(all.iter().map(|o| fit.surface.distance(&o.point)));
+    let floor = if nearness(other) < nearness(fitted) { other.floor } else { fitted.floor };
+    let limit = rejection_limit(all.len());
+    let chi2 = |surface: &S| -> f64 {
+        let share = |o: &Observation| {
+            let foot = surface.foot(o, floor.used_mm);
+            let variance = (floor.scale * foot.variance_mm2).max(sample.resolution_mm.powi(2));
+            (foot.residual_mm * foot.residual_mm / variance).min(limit * limit)
+        };
+        all.iter().map(share).sum()
+    };
+    chi2(&other.surface) - chi2(&fitted.surface)
 }
 
 /// Returns the covariance of the parameters, as the module's documentation describes.

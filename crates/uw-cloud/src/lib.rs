@@ -19,9 +19,11 @@ mod cloud;
 mod consensus;
 mod error;
 mod fit;
+mod floor;
 mod newton;
 mod plane;
 mod robust;
+mod sample;
 mod sphere;
 
 pub use cloud::{CloudPoint, Frame, PointCloud};

@@ -22,9 +22,9 @@ impl<const P: usize> Normal<P> {
 /// Iterations after which a fit is given up.
 pub(crate) const MAX_ITERATIONS: usize = 200;
 
-/// A step that lowers the cost by less than this share of it is the last: it is a ten-thousandth of a sigma with
+/// A step that lowers the cost by less than this share of it is the last: it is a thousandth of a sigma with
 /// 10 000 points, and well above the rounding of the sum.
-const COST_TOLERANCE: f64 = 1e-12;
+const COST_TOLERANCE: f64 = 1e-10;
 
 /// Damping above which no step that lowers the cost is left: rounding has been reached.
 const MAX_DAMPING: f64 = 1e12;

@@ -3,7 +3,8 @@
 use crate::cloud::PointCloud;
 use crate::consensus::consensus;
 use crate::error::FitError;
-use crate::fit::{Deviations, Foot, Observation, Sample, Surface, fit};
+use crate::fit::{Deviations, Foot, Surface, fit};
+use crate::sample::{Observation, Sample};
 use nalgebra::{Matrix4, SMatrix, SVector, Unit, Vector3};
 
 /// How a plane is fitted.

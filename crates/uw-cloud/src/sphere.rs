@@ -3,7 +3,8 @@
 use crate::cloud::PointCloud;
 use crate::consensus::consensus;
 use crate::error::FitError;
-use crate::fit::{Deviations, Fitted, Foot, Observation, Sample, Surface, fit};
+use crate::fit::{Deviations, Fitted, Foot, Surface, chi2_difference, fit};
+use crate::sample::{Observation, Sample};
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
 /// By how much chi² has to be worse for the other side of a cap of known radius to be ruled out: three sigma.
@@ -117,7 +118,7 @@ fn on_the_right_side(
         return Ok(fitted);
     };
     let separation_mm = (other.surface.0.center - ball.center).norm();
-    let chi2_difference = other.robust_chi2 - fitted.robust_chi2;
+    let chi2_difference = chi2_difference(&other, &fitted, sample);
     if separation_mm < 1e-3 * ball.radius || chi2_difference > SIDE_CHI2 {
         Ok(fitted)
     } else if chi2_difference < -SIDE_CHI2 {

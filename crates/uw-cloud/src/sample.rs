@@ -1,0 +1,114 @@
+//! The points that a fit works on: distinct, checked, near the origin, with the principal axes of their covariances.
+
+use crate::cloud::{PointCloud, unpacked};
+use crate::error::{CloudError, FitError};
+use crate::robust::median;
+use nalgebra::{Matrix3, Vector3};
+
+/// A covariance's negative eigenvalue, in shares of its largest, that its rounding to f32 explains.
+const COVARIANCE_ROUNDING: f64 = 1e-5;
+
+/// One point, relative to the centre of its [`Sample`], with the principal axes of its covariance.
+#[derive(Debug, Clone)]
+pub(crate) struct Observation {
+    /// Position, mm.
+    pub(crate) point: Vector3<f64>,
+    /// Principal axes of the covariance, as columns.
+    pub(crate) axes: Matrix3<f64>,
+    /// Variances along them, mm².
+    pub(crate) variances: Vector3<f64>,
+}
+
+impl Observation {
+    /// Returns the same position without its covariance.
+    pub(crate) fn bare(&self) -> Self {
+        Self { point: self.point, axes: Matrix3::identity(), variances: Vector3::zeros() }
+    }
+
+    /// Returns V = C + f² I, mm².
+    pub(crate) fn covariance(&self, floor_mm: f64) -> Matrix3<f64> {
+        let variances = self.variances.add_scalar(floor_mm * floor_mm);
+        self.axes * Matrix3::from_diagonal(&variances) * self.axes.transpose()
+    }
+}
+
+/// The distinct points of a cloud, moved to the middle of them so that offsets cost no digits.
+pub(crate) struct Sample {
+    /// The points.
+    pub(crate) observations: Vec<Observation>,
+    /// What was subtracted from the positions, mm.
+    pub(crate) centre: Vector3<f64>,
+    /// Points left out because another one has the same position.
+    pub(crate) duplicates: usize,
+    /// Whether the points have covariances (all zero is none).
+    pub(crate) has_covariances: bool,
+    /// Distances below this are rounding of the coordinates, mm.
+    pub(crate) resolution_mm: f64,
+}
+
+impl Sample {
+    /// Returns the points of a cloud for a shape of `unknowns` parameters.
+    pub(crate) fn new(cloud: &PointCloud, shape: &'static str, unknowns: usize) -> Result<Self, FitError> {
+        check_positions(cloud)?;
+        let mut order: Vec<usize> = (0..cloud.len()).collect();
+        let key = |i: &usize| cloud.positions_mm()[*i].map(|c| c + 0.0);
+        let compare = |a: &usize, b: &usize| {
+            let (a, b) = (key(a), key(b));
+            a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]))
+        };
+        order.sort_by(compare);
+        order.dedup_by(|a, b| compare(a, b).is_eq());
+        order.sort_unstable();
+        let covariances = cloud.covariances_mm2().filter(|all| all.iter().flatten().any(|&c| c != 0.0));
+        let needed = unknowns + usize::from(covariances.is_none());
+        if order.len() < needed {
+            return Err(FitError::TooFewPoints { shape, needed, got: order.len() });
+        }
+        let middle = |axis: usize| {
+            median(&mut order.iter().map(|&i| cloud.positions_mm()[i][axis]).collect::<Vec<_>>())
+        };
+        let centre = Vector3::new(middle(0), middle(1), middle(2));
+        let mut largest = 0.0_f64;
+        let mut observations = Vec::with_capacity(order.len());
+        for &index in &order {
+            let position = cloud.vector(index);
+            largest = largest.max(position.amax());
+            let mut observation = Observation {
+                point: position - centre,
+                axes: Matrix3::identity(),
+                variances: Vector3::zeros(),
+            };
+            if let Some(covariance) = covariances.map(|all| &all[index]) {
+                let eigen = unpacked(covariance).symmetric_eigen();
+                let least = eigen.eigenvalues.min();
+                if least < -COVARIANCE_ROUNDING * eigen.eigenvalues.max() {
+                    return Err(FitError::InvalidCovariance { index, variance_mm2: least });
+                }
+                observation.axes = eigen.eigenvectors;
+                observation.variances = eigen.eigenvalues.map(|v| v.max(0.0));
+            }
+            observations.push(observation);
+        }
+        Ok(Self {
+            duplicates: cloud.len() - order.len(),
+            observations,
+            centre,
+            has_covariances: covariances.is_some(),
+            resolution_mm: 16.0 * f64::EPSILON * largest,
+        })
+    }
+}
+
+/// Checks that all that a fit uses is finite, and small enough for squares of it to be.
+fn check_positions(cloud: &PointCloud) -> Result<(), CloudError> {
+    let usable = |value: f64| value.abs() < 1e100;
+    let bad = |attribute, index| CloudError::NonFinite { attribute, index };
+    if let Some(index) = cloud.positions_mm().iter().position(|p| !p.iter().all(|&c| usable(c))) {
+        return Err(bad("position", index));
+    }
+    let covariances = cloud.covariances_mm2().unwrap_or_default();
+    match covariances.iter().position(|c| !c.iter().all(|c| c.is_finite())) {
+        Some(index) => Err(bad("covariance", index)),
+        None => Ok(()),
+    }
+}
