@@ -35,3 +35,7 @@ pub use board::{BoardError, Chessboard};
 pub use corners::{BoardCorner, Detection, Rejection, detect};
 pub use homography::{apply as apply_homography, homography};
 pub use view::{GreyView, Layout, Samples, ViewError};
+
+mod capture;
+
+pub use capture::{CaptureError, label_capture};
