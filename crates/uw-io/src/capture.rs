@@ -14,7 +14,7 @@ use crate::{
     error::{Error, Place, Problem},
     frames,
     rig::Rig,
-    toml_file::TomlFile,
+    toml_file::{TomlFile, exactly},
 };
 
 /// The `format` of a capture.
@@ -57,6 +57,7 @@ pub struct Target {
     /// What is on it.
     pub pattern: Pattern,
     /// Inner corners along a row, and along a column.
+    #[serde(deserialize_with = "exactly")]
     pub inner_corners: [u32; 2],
     /// Side of a square.
     pub square_mm: f64,
@@ -185,6 +186,11 @@ impl Capture {
     /// What is wrong but can be gone on with: warnings, and images that are lost.
     pub fn problems(&self) -> &[Problem] {
         &self.problems
+    }
+
+    /// What [`Capture::problems`] shows, to keep.
+    pub fn into_problems(self) -> Vec<Problem> {
+        self.problems
     }
 
     /// The frames whose image is there, in the order of capture.

@@ -182,11 +182,13 @@ pub struct Problem {
 }
 
 impl Problem {
-    pub(crate) fn warning(place: Place, what: impl Into<String>, mend: impl Into<String>) -> Self {
+    /// A warning about a place in a file.
+    pub fn warning(place: Place, what: impl Into<String>, mend: impl Into<String>) -> Self {
         Self { severity: Severity::Warning, row: None, error: Error::content(place, what, mend) }
     }
 
-    pub(crate) fn loss(row: usize, error: Error) -> Self {
+    /// The loss of one frame: its image is missing or unreadable.
+    pub fn loss(row: usize, error: Error) -> Self {
         Self { severity: Severity::Loss, row: Some(row), error }
     }
 }

@@ -25,7 +25,7 @@ pub(crate) fn read(path: &Path, kind: Kind) -> Result<(Vec<FrameRecord>, Vec<Pro
     let mut warnings = Vec::new();
     let header = reader.headers().map_err(|e| csv_error(path, &e))?.clone();
     let columns = columns(path, &header, &mut warnings)?;
-    let mut rows = Rows { path, kind, columns, frames: Vec::new(), lines: HashMap::new() };
+    let mut rows = Rows { path, text: &text, kind, columns, frames: Vec::new(), lines: HashMap::new() };
     let mut odd = Odd::default();
     let mut record = StringRecord::new();
     while reader.read_record(&mut record).map_err(|e| csv_error(path, &e))? {
@@ -88,6 +88,7 @@ fn columns(path: &Path, header: &StringRecord, warnings: &mut Vec<Problem>) -> R
 
 struct Rows<'a> {
     path: &'a Path,
+    text: &'a str,
     kind: Kind,
     columns: [usize; 5],
     frames: Vec<FrameRecord>,
@@ -97,7 +98,13 @@ struct Rows<'a> {
 
 impl Rows<'_> {
     fn push(&mut self, record: &StringRecord, width: usize, odd: &mut Odd) -> Result<(), Error> {
-        let line = record.position().map_or(0, |p| p.line() as u32);
+        let line = record.position().map_or(0, |p| {
+            // The reader's position is where the row before ended: blank lines, and half of a CRLF, come first.
+            let rest = self.text.as_bytes().get(p.byte() as usize..).unwrap_or_default();
+            let skipped =
+                rest.iter().take_while(|b| matches!(b, b'\r' | b'\n')).filter(|b| **b == b'\n').count();
+            p.line() as u32 + skipped as u32
+        });
         let fail = |column: &str, what: String, mend: &str| {
             Error::content(Place::line(self.path, line).key(column), what, mend)
         };

@@ -84,13 +84,16 @@ pub fn decode(bytes: &[u8], path: &Path, reduce: Reduce, expect: Option<Expect>)
     limits.max_alloc = Some(MOST_BYTES);
     reader.limits(limits);
     let image = reader.decode().map_err(|e| decode_error(path, e))?;
-    let gray = reduced(image, reduce).ok_or_else(|| {
+    let mut gray = reduced(image, reduce).ok_or_else(|| {
         Error::image(
             path,
             "its pixels are neither 8- nor 16-bit integers",
             "save it as 8- or 16-bit PNG or TIFF",
         )
     })?;
+    if let Some(largest) = portable_maximum(bytes) {
+        gray.unscale(largest);
+    }
     match expect {
         Some(expect) => hold_against(gray, path, expect),
         None => Ok(gray),
@@ -123,6 +126,55 @@ fn reduced(image: DynamicImage, reduce: Reduce) -> Option<GrayImage> {
         _ => return None,
     };
     Some(GrayImage { width, height, data, full_scale })
+}
+
+impl GrayImage {
+    /// Undoes the decoder's scaling of a portable map's values from 0..=`largest` to the whole range of their type.
+    fn unscale(&mut self, largest: u16) {
+        let from = u32::from(self.full_scale);
+        let to = u32::from(largest);
+        if to >= from {
+            return;
+        }
+        let back = |value: u32| (value * to + from / 2) / from;
+        match &mut self.data {
+            Pixels::U8(values) => values.iter_mut().for_each(|v| *v = back(u32::from(*v)) as u8),
+            Pixels::U16(values) => values.iter_mut().for_each(|v| *v = back(u32::from(*v)) as u16),
+        }
+        self.full_scale = largest;
+    }
+}
+
+/// The largest value that a portable grey or colour map declares; `None` for every other format.
+fn portable_maximum(bytes: &[u8]) -> Option<u16> {
+    let (magic, rest) = bytes.split_at_checked(2)?;
+    let token = match magic {
+        b"P2" | b"P3" | b"P5" | b"P6" => 2,
+        b"P7" => {
+            let at = rest.windows(6).position(|w| w == b"MAXVAL")?;
+            return header_tokens(&rest[at + 6..]).next();
+        }
+        _ => return None,
+    };
+    header_tokens(rest).nth(token)
+}
+
+/// The numbers of a portable map's header; comments run from # to the end of their line.
+fn header_tokens(bytes: &[u8]) -> impl Iterator<Item = u16> {
+    let mut comment = false;
+    let uncommented = move |b: &u8| {
+        comment = *b == b'#' || comment && *b != b'\n';
+        if comment { b' ' } else { *b }
+    };
+    // Headers are short, and pixels follow them.
+    let head: Vec<u8> = bytes.iter().take(1 << 12).map(uncommented).collect();
+    let words: Vec<u16> = head
+        .split(u8::is_ascii_whitespace)
+        .filter(|w| !w.is_empty())
+        .map_while(|w| std::str::from_utf8(w).ok()?.parse().ok())
+        .take(3)
+        .collect();
+    words.into_iter()
 }
 
 fn pick<T: Copy>(values: &[T], channels: usize, channel: usize) -> Vec<T> {

@@ -9,16 +9,20 @@
 //! | [`capture`] | `capture.toml`, `frames.csv` | [`Capture`] |
 //! | [`rig`] | `rig.toml` | [`Rig`] |
 //! | [`images`] | PNG, TIFF, JPEG, PNM | [`GrayImage`] |
+//! | [`ply`], [`xyz`] | PLY; XYZ and CSV | [`uw_cloud::PointCloud`] |
 //! | [`atomic`] | any output | written whole or not at all |
 
 pub mod atomic;
 pub mod capture;
+mod columns;
 mod error;
 mod frames;
 pub mod images;
+pub mod ply;
 pub mod rig;
 mod text;
 mod toml_file;
+pub mod xyz;
 
 pub use atomic::Overwrite;
 pub use capture::{Capture, FrameRecord, Kind, Medium, Target};

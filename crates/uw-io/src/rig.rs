@@ -3,10 +3,11 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use uw_geom::{GeomError, Medium};
 
 use crate::{
     error::{Error, Problem},
-    toml_file::TomlFile,
+    toml_file::{TomlFile, exactly},
 };
 
 /// The `format` of a rig file.
@@ -42,6 +43,7 @@ pub struct Camera {
     /// Height of an image, pixels.
     pub height: u32,
     /// Pitch of an image pixel along u and along v, micrometres.
+    #[serde(deserialize_with = "exactly")]
     pub pixel_um: [f64; 2],
     /// Focal length as drawn.
     pub focal_mm: f64,
@@ -60,6 +62,7 @@ pub struct Port {
     /// Thickness of the glass.
     pub thickness_mm: f64,
     /// Unit normal, camera frame, from the instrument outwards.
+    #[serde(deserialize_with = "exactly")]
     pub normal: [f64; 3],
     /// Index of the glass at the laser's wavelength, relative to air.
     pub index: f64,
@@ -85,6 +88,7 @@ pub struct Galvo {
     /// Mechanical turn of the mirror, degrees per volt, positive; the beam turns twice as far.
     pub degrees_per_volt: f64,
     /// Lowest and highest voltage of the drive.
+    #[serde(deserialize_with = "exactly")]
     pub range_v: [f64; 2],
     /// The voltage that fixes the galvanometer frame.
     pub reference_v: f64,
@@ -155,6 +159,27 @@ impl From<Water> for WaterRecord {
     }
 }
 
+impl Water {
+    /// The index relative to air: of water known by its index, that index, which is the one at the laser's wavelength;
+    /// else Quan and Fry's at `wavelength_nm` (in air), with a term for depth ([`uw_geom::water::index`]).
+    /// [`Rig::water_index_at`] serves any wavelength.
+    pub fn index(&self, wavelength_nm: f64) -> f64 {
+        match *self {
+            Self::Index(index) => index,
+            Self::Properties { temperature_c, salinity_psu, depth_m } => {
+                uw_geom::water::index(temperature_c, salinity_psu, wavelength_nm, depth_m)
+            }
+        }
+    }
+}
+
+impl Port {
+    fn to_geom(&self) -> Result<uw_geom::Port, GeomError> {
+        let glass = Medium::of_index(self.index);
+        uw_geom::Port::new(self.normal.into(), self.distance_mm, self.thickness_mm, glass)
+    }
+}
+
 /// Standard deviations of a rig's drawing values, one key each in `[priors]`; all positive.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -183,6 +208,10 @@ pub struct Priors {
     pub mirror_offset_mm: f64,
     /// Of the fan's plane against the axis.
     pub fan_tilt_deg: f64,
+    /// By how much the fan's plane misses the mirror's axis.
+    pub fan_offset_mm: f64,
+    /// Of where along the axis the fan's apex lies, from the axis's point closest to the optical centre.
+    pub apex_along_axis_mm: f64,
 }
 
 impl Default for Priors {
@@ -200,13 +229,15 @@ impl Default for Priors {
             galvo_c3: 3e-4,
             mirror_offset_mm: 0.3,
             fan_tilt_deg: 0.3,
+            fan_offset_mm: 0.5,
+            apex_along_axis_mm: 30.0,
         }
     }
 }
 
 impl Priors {
     /// Each sigma with its key.
-    fn named(&self) -> [(&'static str, f64); 12] {
+    fn named(&self) -> [(&'static str, f64); 14] {
         [
             ("camera_port_distance_mm", self.camera_port_distance_mm),
             ("laser_port_distance_mm", self.laser_port_distance_mm),
@@ -220,6 +251,8 @@ impl Priors {
             ("galvo_c3", self.galvo_c3),
             ("mirror_offset_mm", self.mirror_offset_mm),
             ("fan_tilt_deg", self.fan_tilt_deg),
+            ("fan_offset_mm", self.fan_offset_mm),
+            ("apex_along_axis_mm", self.apex_along_axis_mm),
         ]
     }
 }
@@ -234,9 +267,70 @@ impl Rig {
     pub fn read(path: &Path) -> Result<(Self, Vec<Problem>), Error> {
         let file = TomlFile::read(path, FORMAT, VERSION)?;
         let mut rig: Self = file.parse()?;
-        let mut check = Check { file: &file, warnings: Vec::new() };
-        check.rig(&mut rig)?;
-        Ok((rig, check.warnings))
+        let warnings = rig.check(&file, "")?;
+        Ok((rig, warnings))
+    }
+
+    /// Refuses values that no instrument has and makes the normals' lengths 1, with the warnings; the rig's keys are
+    /// found in `file` after `prefix`.
+    pub(crate) fn check(&mut self, file: &TomlFile, prefix: &str) -> Result<Vec<Problem>, Error> {
+        let mut check = Check { file, prefix, warnings: Vec::new() };
+        check.rig(self)?;
+        Ok(check.warnings)
+    }
+
+    /// The rig as calibration takes it: focal lengths in pixels, windows, radians.
+    ///
+    /// # Errors
+    /// [`GeomError`] for a window that is none, which no rig that was read has.
+    pub fn to_calib(&self) -> Result<uw_calib::Rig, GeomError> {
+        let Self { camera, laser, galvo, priors: p, .. } = self;
+        Ok(uw_calib::Rig {
+            image_size: [camera.width, camera.height],
+            focal_px: camera.pixel_um.map(|pitch_um| camera.focal_mm * 1000.0 / pitch_um),
+            camera_port: camera.port.to_geom()?,
+            laser_port: laser.port.to_geom()?,
+            apex_mm: laser.apex_mm,
+            radians_per_volt: galvo.degrees_per_volt.to_radians(),
+            reference_v: galvo.reference_v,
+            priors: uw_calib::Priors {
+                camera_port_distance_mm: p.camera_port_distance_mm,
+                laser_port_distance_mm: p.laser_port_distance_mm,
+                thickness_mm: p.thickness_mm,
+                normal_deg: p.normal_deg,
+                glass_index: p.glass_index,
+                water_index: p.water_index,
+                apex_mm: p.apex_mm,
+                degrees_per_volt_rel: p.degrees_per_volt_rel,
+                galvo_c2: p.galvo_c2,
+                galvo_c3: p.galvo_c3,
+                mirror_offset_mm: p.mirror_offset_mm,
+                fan_tilt_deg: p.fan_tilt_deg,
+                fan_offset_mm: p.fan_offset_mm,
+                apex_along_axis_mm: p.apex_along_axis_mm,
+            },
+        })
+    }
+
+    /// The water's nominal index at the laser's wavelength, relative to air; `None` for a rig without water.
+    pub fn water_index(&self) -> Option<f64> {
+        self.water.map(|water| water.index(self.laser.wavelength_nm))
+    }
+
+    /// The water's nominal index at another wavelength in air (nm), such as that of the light on a board, relative to
+    /// air; `None` for a rig without water.
+    ///
+    /// Where the index itself is given, it is that at the laser's wavelength, and the difference between the two
+    /// wavelengths is Quan and Fry's at 15 °C and 17.5 psu: from 450 to 650 nm it changes by 3 % of itself over all
+    /// temperatures and salinities of their formula.
+    pub fn water_index_at(&self, wavelength_nm: f64) -> Option<f64> {
+        Some(match self.water? {
+            Water::Index(at_laser) => {
+                let typical = |nm| uw_geom::water::index(15.0, 17.5, nm, 0.0);
+                at_laser + (typical(wavelength_nm) - typical(self.laser.wavelength_nm))
+            }
+            properties => properties.index(wavelength_nm),
+        })
     }
 
     /// The text of a rig file.
@@ -253,26 +347,37 @@ impl Rig {
 
 /// The largest side of an image: larger than any sensor's, and small enough to multiply.
 const LARGEST_SIDE: u32 = 1 << 16;
+/// Rounding of a vector's length, without unit.
+const ROUNDING: f64 = 8.0 * f64::EPSILON;
 /// A normal this far from unit length was rounded in the file; farther, it was not meant as one.
 const ROUNDED_NORMAL: f64 = 1e-3;
 
 struct Check<'a> {
     file: &'a TomlFile,
+    prefix: &'a str,
     warnings: Vec<Problem>,
 }
 
 impl Check<'_> {
+    fn error(&self, key: &str, what: impl Into<String>, mend: impl Into<String>) -> Error {
+        self.file.error(&format!("{}{key}", self.prefix), what, mend)
+    }
+
+    fn warn(&mut self, key: &str, what: impl Into<String>, mend: impl Into<String>) {
+        self.warnings.push(self.file.warning(&format!("{}{key}", self.prefix), what, mend));
+    }
+
     fn rig(&mut self, rig: &mut Rig) -> Result<(), Error> {
         let c = &mut rig.camera;
         for (key, side) in [("camera.width", c.width), ("camera.height", c.height)] {
             if !(1..=LARGEST_SIDE).contains(&side) {
                 let what = format!("{side} pixels are no image's size");
-                return Err(self.file.error(key, what, "give the size of the images in pixels"));
+                return Err(self.error(key, what, "give the size of the images in pixels"));
             }
         }
         if !(1..=16).contains(&c.bits) {
             let what = format!("{} significant bits can't be read", c.bits);
-            return Err(self.file.error(
+            return Err(self.error(
                 "camera.bits",
                 what,
                 "give 8 for 8-bit images, 9 to 16 for 16-bit ones",
@@ -285,7 +390,7 @@ impl Check<'_> {
         self.port("camera.port", &mut c.port)?;
         if c.port.normal[2] <= 0.0 {
             let what = "the normal points back into the camera";
-            return Err(self.file.error(
+            return Err(self.error(
                 "camera.port.normal",
                 what,
                 "turn its sign: it points outwards, z forward",
@@ -299,11 +404,11 @@ impl Check<'_> {
         self.port("laser.port", &mut rig.laser.port)?;
         if rig.laser.port.normal[2] <= 0.0 {
             let what = "the normal points away from what the camera sees";
-            self.warnings.push(self.file.warning(
+            self.warn(
                 "laser.port.normal",
                 what,
                 "it is in the camera frame, outwards",
-            ));
+            );
         }
         self.galvo(&rig.galvo)?;
         if let Some(water) = &rig.water {
@@ -314,7 +419,7 @@ impl Check<'_> {
                 let what = format!("a standard deviation is a positive number, not {sigma}");
                 let mend =
                     "to hold the value fixed, give a sigma far below what can be measured, such as 1e-6";
-                return Err(self.file.error(&format!("priors.{key}"), what, mend));
+                return Err(self.error(&format!("priors.{key}"), what, mend));
             }
         }
         Ok(())
@@ -329,7 +434,7 @@ impl Check<'_> {
         let largest = port.normal.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
         if !(port.normal.iter().all(|x| x.is_finite()) && largest > 0.0) {
             let what = format!("{:?} is no direction", port.normal);
-            return Err(self.file.error(
+            return Err(self.error(
                 &at,
                 what,
                 "give the normal's three components, such as [0.0, 0.0, 1.0]",
@@ -338,13 +443,16 @@ impl Check<'_> {
         let length = largest * port.normal.iter().map(|x| (x / largest).powi(2)).sum::<f64>().sqrt();
         if (length - 1.0).abs() > ROUNDED_NORMAL {
             let what = format!("the normal's length is {length:.6}, not 1");
-            self.warnings.push(self.file.warning(
+            self.warn(
                 &at,
                 what,
                 "it is taken as a direction; check its components",
-            ));
+            );
         }
-        port.normal = port.normal.map(|x| x / length);
+        // What is 1 but for rounding stays as it is, so that a normal that was read and written is the same again.
+        if (length - 1.0).abs() > ROUNDING {
+            port.normal = port.normal.map(|x| x / length);
+        }
         Ok(())
     }
 
@@ -353,12 +461,12 @@ impl Check<'_> {
         if galvo.degrees_per_volt < 0.0 {
             let what = format!("{} is negative", galvo.degrees_per_volt);
             let mend = "give the amount; the axis's sense is found by the calibration";
-            return Err(self.file.error("galvo.degrees_per_volt", what, mend));
+            return Err(self.error("galvo.degrees_per_volt", what, mend));
         }
         self.positive("galvo.degrees_per_volt", galvo.degrees_per_volt, "°/V", [1e-3, 1e3])?;
         if !(low.is_finite() && high.is_finite()) {
             let what = format!("[{low}, {high}] must be two finite voltages");
-            return Err(self.file.error(
+            return Err(self.error(
                 "galvo.range_v",
                 what,
                 "give the drive's lowest and highest voltage",
@@ -366,7 +474,7 @@ impl Check<'_> {
         }
         if low >= high {
             let what = format!("[{low}, {high}] is no range");
-            return Err(self.file.error(
+            return Err(self.error(
                 "galvo.range_v",
                 what,
                 "give the lower voltage first, then the higher one",
@@ -374,18 +482,18 @@ impl Check<'_> {
         }
         if !galvo.reference_v.is_finite() {
             let what = format!("{} is no voltage", galvo.reference_v);
-            return Err(self.file.error("galvo.reference_v", what, "give a finite number"));
+            return Err(self.error("galvo.reference_v", what, "give a finite number"));
         }
         if !(low..=high).contains(&galvo.reference_v) {
             let what = format!("{} V is outside range_v [{low}, {high}]", galvo.reference_v);
-            self.warnings.push(self.file.warning("galvo.reference_v", what, "check both"));
+            self.warn("galvo.reference_v", what, "check both");
         }
         if galvo.degrees_per_volt * (high - low) > 180.0 {
             let what = format!(
                 "the mirror would turn {} degrees over range_v",
                 galvo.degrees_per_volt * (high - low)
             );
-            self.warnings.push(self.file.warning("galvo.degrees_per_volt", what, "check both"));
+            self.warn("galvo.degrees_per_volt", what, "check both");
         }
         Ok(())
     }
@@ -406,7 +514,7 @@ impl Check<'_> {
             if !range.contains(&value) {
                 let what = format!("{value} is no water that an instrument meets");
                 let mend = format!("give a number from {} to {}", range.start(), range.end());
-                return Err(self.file.error(key, what, mend));
+                return Err(self.error(key, what, mend));
             }
         }
         Ok(())
@@ -415,7 +523,7 @@ impl Check<'_> {
     /// Refuses what is not a positive finite number; warns outside what is `likely`.
     fn positive(&mut self, key: &str, value: f64, unit: &str, likely: [f64; 2]) -> Result<(), Error> {
         if !(value > 0.0 && value.is_finite()) {
-            return Err(self.file.error(
+            return Err(self.error(
                 key,
                 format!("{value} must be positive and finite"),
                 format!("give it in {unit}"),
@@ -423,7 +531,7 @@ impl Check<'_> {
         }
         if !(likely[0]..=likely[1]).contains(&value) {
             let what = format!("{value} {unit} is an unusual value");
-            self.warnings.push(self.file.warning(key, what, "check the unit"));
+            self.warn(key, what, "check the unit");
         }
         Ok(())
     }
@@ -432,7 +540,7 @@ impl Check<'_> {
     fn index(&mut self, key: &str, value: f64, likely: [f64; 2]) -> Result<(), Error> {
         if !(1.0..=4.0).contains(&value) {
             let what = format!("{value} is no index of refraction relative to air");
-            return Err(self.file.error(
+            return Err(self.error(
                 key,
                 what,
                 "give a number such as 1.5195 for glass, 1.3351 for water",
@@ -440,7 +548,7 @@ impl Check<'_> {
         }
         if !(likely[0]..=likely[1]).contains(&value) {
             let what = format!("{value} is an unusual index");
-            self.warnings.push(self.file.warning(key, what, "check it"));
+            self.warn(key, what, "check it");
         }
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use serde::de::DeserializeOwned;
+use serde::{Deserialize, de::DeserializeOwned, de::Error as _};
 use toml::{
     Spanned,
     de::{DeTable, DeValue, Deserializer},
@@ -124,4 +124,15 @@ impl TomlFile {
         };
         Error::content(place, message, mend)
     }
+}
+
+/// An array of exactly `N` values: serde's own reading of arrays lets further ones pass.
+pub(crate) fn exactly<'de, D, T, const N: usize>(from: D) -> Result<[T; N], D::Error>
+where
+    D: serde::Deserializer<'de>,
+    T: Deserialize<'de>,
+{
+    let values = Vec::deserialize(from)?;
+    let length = values.len();
+    values.try_into().map_err(|_| D::Error::invalid_length(length, &format!("{N} values").as_str()))
 }

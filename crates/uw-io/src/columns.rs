@@ -1,0 +1,215 @@
+//! A cloud as named columns: what PLY and text have in common.
+
+use std::{
+    io::{self, Write},
+    path::{Path, PathBuf},
+};
+
+use uw_cloud::{CloudError, Frame, PointCloud};
+
+use crate::error::{Error, Place, Problem};
+
+/// One column of a cloud, in the type that files give it.
+pub(crate) enum Column<'a> {
+    /// A coordinate of the positions.
+    Double(&'a [[f64; 3]], usize),
+    /// A single value.
+    Float(&'a [f32]),
+    /// One of two.
+    Pair(&'a [[f32; 2]], usize),
+    /// One of six.
+    Six(&'a [[f32; 6]], usize),
+    /// A count.
+    Int(&'a [u32]),
+}
+
+impl Column<'_> {
+    /// The type's name in a PLY header.
+    pub fn ply_type(&self) -> &'static str {
+        match self {
+            Self::Double(..) => "double",
+            Self::Int(_) => "int",
+            _ => "float",
+        }
+    }
+
+    fn float(&self, point: usize) -> f32 {
+        match self {
+            Self::Float(v) => v[point],
+            Self::Pair(v, at) => v[point][*at],
+            Self::Six(v, at) => v[point][*at],
+            Self::Double(..) | Self::Int(_) => f32::NAN,
+        }
+    }
+
+    /// Appends a point's value, little-endian.
+    pub fn append_le(&self, point: usize, row: &mut Vec<u8>) {
+        match self {
+            Self::Double(v, at) => row.extend(v[point][*at].to_le_bytes()),
+            Self::Int(v) => row.extend(v[point].to_le_bytes()),
+            _ => row.extend(self.float(point).to_le_bytes()),
+        }
+    }
+
+    fn write_text(&self, point: usize, w: &mut dyn Write) -> io::Result<()> {
+        // The shortest text that reads back as the same number.
+        match self {
+            Self::Double(v, at) => write!(w, "{}", v[point][*at]),
+            Self::Int(v) => write!(w, "{}", v[point]),
+            _ => write!(w, "{}", self.float(point)),
+        }
+    }
+}
+
+/// The covariance's columns, in the cloud's order.
+const COVARIANCE: [&str; 6] = ["cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz"];
+
+/// A cloud's columns in the order of files.
+pub(crate) fn of(cloud: &PointCloud) -> Vec<(&'static str, Column<'_>)> {
+    let positions = cloud.positions_mm();
+    let mut columns = vec![
+        ("x", Column::Double(positions, 0)),
+        ("y", Column::Double(positions, 1)),
+        ("z", Column::Double(positions, 2)),
+    ];
+    columns.extend(cloud.intensities().map(|v| ("intensity", Column::Float(v))));
+    columns.extend(cloud.frame_rows().map(|v| ("frame", Column::Int(v))));
+    columns.extend(
+        cloud.pixels().into_iter().flat_map(|v| [("u", Column::Pair(v, 0)), ("v", Column::Pair(v, 1))]),
+    );
+    columns.extend(cloud.sigmas_mm().map(|v| ("sigma", Column::Float(v))));
+    let six = cloud.covariances_mm2().into_iter();
+    columns.extend(
+        six.flat_map(|v| COVARIANCE.into_iter().enumerate().map(move |(at, n)| (n, Column::Six(v, at)))),
+    );
+    columns
+}
+
+/// Writes one line a point.
+pub(crate) fn write_text(
+    w: &mut dyn Write,
+    columns: &[(&'static str, Column<'_>)],
+    points: usize,
+    separator: char,
+) -> io::Result<()> {
+    for point in 0..points {
+        for (at, (_, column)) in columns.iter().enumerate() {
+            if at > 0 {
+                write!(w, "{separator}")?;
+            }
+            column.write_text(point, w)?;
+        }
+        writeln!(w)?;
+    }
+    Ok(())
+}
+
+/// Collects rows of values whose columns have names into a cloud.
+pub(crate) struct Gather {
+    path: PathBuf,
+    position: [usize; 3],
+    intensity: Option<(usize, Vec<f32>)>,
+    frame: Option<(usize, Vec<u32>)>,
+    pixel: Option<([usize; 2], Vec<[f32; 2]>)>,
+    sigma: Option<(usize, Vec<f32>)>,
+    covariance: Option<([usize; 6], Vec<[f32; 6]>)>,
+    positions: Vec<[f64; 3]>,
+}
+
+impl Gather {
+    /// For rows whose columns have these names, about `expected` of them.
+    pub fn new(path: &Path, names: &[&str], expected: usize) -> Result<Self, Error> {
+        // Room for what a file of that size surely holds; beyond it the vectors grow with what is really read.
+        let room = expected.min(1 << 20);
+        let find = |name: &str| names.iter().position(|n| *n == name);
+        let Some(position) = all(["x", "y", "z"].map(find)) else {
+            let what = format!("has no vertices with x, y and z (its columns: {})", names.join(" "));
+            return Err(Error::content(Place::file(path), what, "give a file of points"));
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            position,
+            intensity: find("intensity").map(|at| (at, Vec::with_capacity(room))),
+            frame: find("frame").map(|at| (at, Vec::with_capacity(room))),
+            pixel: all(["u", "v"].map(find)).map(|at| (at, Vec::with_capacity(room))),
+            sigma: find("sigma").map(|at| (at, Vec::with_capacity(room))),
+            covariance: all(COVARIANCE.map(find)).map(|at| (at, Vec::with_capacity(room))),
+            positions: Vec::with_capacity(room),
+        })
+    }
+
+    /// Takes a row, which has as many values as there are names; what is wrong with it, if it is no point.
+    pub fn push(&mut self, row: &[f64]) -> Result<(), String> {
+        let position = self.position.map(|at| row[at]);
+        if let Some(value) = position.into_iter().find(|v| !v.is_finite()) {
+            return Err(format!("a coordinate is {value}, not a finite number"));
+        }
+        if let Some((at, rows)) = &mut self.frame {
+            let value = row[*at];
+            let whole = value as u32;
+            if (f64::from(whole) - value).abs() > 0.0 || value.is_nan() {
+                return Err(format!("frame: {value} is no row of frames.csv"));
+            }
+            rows.push(whole);
+        }
+        self.positions.push(position);
+        for (at, values) in [&mut self.intensity, &mut self.sigma].into_iter().flatten() {
+            values.push(row[*at] as f32);
+        }
+        if let Some((at, values)) = &mut self.pixel {
+            values.push(at.map(|at| row[at] as f32));
+        }
+        if let Some((at, values)) = &mut self.covariance {
+            values.push(at.map(|at| row[at] as f32));
+        }
+        Ok(())
+    }
+
+    /// The cloud, in the frame and the unit that the file names, with warnings about what it doesn't name.
+    pub fn finish(
+        self,
+        frame: Option<&str>,
+        unit: Option<&str>,
+    ) -> Result<(PointCloud, Vec<Problem>), Error> {
+        let place = Place::file(&self.path);
+        let mut warnings = Vec::new();
+        if let Some(unit) = unit.filter(|unit| *unit != "mm") {
+            let what = format!("its unit is \"{unit}\"");
+            return Err(Error::content(place, what, "convert it to millimetres (comment unit mm)"));
+        }
+        let named = frame.map(|name| (name, Frame::from_name(name)));
+        let frame = match named {
+            Some((_, Some(frame))) => frame,
+            Some((name, None)) => {
+                let what = format!("its frame \"{name}\" is neither camera nor galvo");
+                warnings.push(Problem::warning(place.clone(), what, "it is taken as the camera's"));
+                Frame::Camera
+            }
+            None => Frame::Camera,
+        };
+        let failed = |e: CloudError| Error::content(place.clone(), e.to_string(), "write the file anew");
+        let mut cloud = PointCloud::new(frame, self.positions);
+        if let Some((_, values)) = self.intensity {
+            cloud = cloud.with_intensities(values).map_err(failed)?;
+        }
+        if let Some((_, values)) = self.frame {
+            cloud = cloud.with_frame_rows(values).map_err(failed)?;
+        }
+        if let Some((_, values)) = self.pixel {
+            cloud = cloud.with_pixels(values).map_err(failed)?;
+        }
+        if let Some((_, values)) = self.sigma {
+            cloud = cloud.with_sigmas_mm(values).map_err(failed)?;
+        }
+        if let Some((_, values)) = self.covariance {
+            cloud = cloud.with_covariances_mm2(values).map_err(failed)?;
+        }
+        cloud.check_finite().map_err(failed)?;
+        Ok((cloud, warnings))
+    }
+}
+
+/// All of them, or none.
+fn all<const N: usize>(found: [Option<usize>; N]) -> Option<[usize; N]> {
+    found.iter().all(Option::is_some).then(|| found.map(Option::unwrap_or_default))
+}

@@ -1,0 +1,9 @@
+//! What the readers and writers of files promise, on files made in temporary folders.
+#![allow(clippy::unwrap_used)]
+
+mod atomic;
+mod capture;
+mod clouds;
+mod images;
+mod rig;
+mod samples;
