@@ -8,11 +8,13 @@
 //! |---|---|---|
 //! | [`capture`] | `capture.toml`, `frames.csv` | [`Capture`] |
 //! | [`rig`] | `rig.toml` | [`Rig`] |
+//! | [`calibration_toml`] | `calibration.toml` | [`CalibrationFile`] |
 //! | [`images`] | PNG, TIFF, JPEG, PNM | [`GrayImage`] |
 //! | [`ply`], [`xyz`] | PLY; XYZ and CSV | [`uw_cloud::PointCloud`] |
 //! | [`atomic`] | any output | written whole or not at all |
 
 pub mod atomic;
+pub mod calibration_toml;
 pub mod capture;
 mod columns;
 mod error;
@@ -25,6 +27,7 @@ mod toml_file;
 pub mod xyz;
 
 pub use atomic::Overwrite;
+pub use calibration_toml::{CalibrationFile, CaptureSource};
 pub use capture::{Capture, FrameRecord, Kind, Medium, Target};
 pub use error::{Error, Place, Problem, Severity};
 pub use images::{Expect, GrayImage, Pixels, Reduce};

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod atomic;
+mod calibration;
 mod capture;
 mod clouds;
 mod images;
