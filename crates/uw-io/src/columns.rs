@@ -13,12 +13,8 @@ use crate::error::{Error, Place, Problem};
 pub(crate) enum Column<'a> {
     /// A coordinate of the positions.
     Double(&'a [[f64; 3]], usize),
-    /// A single value.
-    Float(&'a [f32]),
-    /// One of two.
-    Pair(&'a [[f32; 2]], usize),
-    /// One of six.
-    Six(&'a [[f32; 6]], usize),
+    /// A measured value of a point.
+    Float(Box<dyn Fn(usize) -> f32 + 'a>),
     /// A count.
     Int(&'a [u32]),
 }
@@ -29,16 +25,7 @@ impl Column<'_> {
         match self {
             Self::Double(..) => "double",
             Self::Int(_) => "int",
-            _ => "float",
-        }
-    }
-
-    fn float(&self, point: usize) -> f32 {
-        match self {
-            Self::Float(v) => v[point],
-            Self::Pair(v, at) => v[point][*at],
-            Self::Six(v, at) => v[point][*at],
-            Self::Double(..) | Self::Int(_) => f32::NAN,
+            Self::Float(_) => "float",
         }
     }
 
@@ -47,16 +34,17 @@ impl Column<'_> {
         match self {
             Self::Double(v, at) => row.extend(v[point][*at].to_le_bytes()),
             Self::Int(v) => row.extend(v[point].to_le_bytes()),
-            _ => row.extend(self.float(point).to_le_bytes()),
+            Self::Float(v) => row.extend(v(point).to_le_bytes()),
         }
     }
 
-    fn write_text(&self, point: usize, w: &mut dyn Write) -> io::Result<()> {
-        // The shortest text that reads back as the same number.
+    /// Appends a point's value as the shortest text that reads back as the same number.
+    fn append_text(&self, point: usize, line: &mut Vec<u8>) -> io::Result<()> {
+        // Debug writes 1e-30 where Display would write thirty zeros.
         match self {
-            Self::Double(v, at) => write!(w, "{}", v[point][*at]),
-            Self::Int(v) => write!(w, "{}", v[point]),
-            _ => write!(w, "{}", self.float(point)),
+            Self::Double(v, at) => write!(line, "{:?}", v[point][*at]),
+            Self::Int(v) => write!(line, "{}", v[point]),
+            Self::Float(v) => write!(line, "{:?}", v(point)),
         }
     }
 }
@@ -66,22 +54,24 @@ const COVARIANCE: [&str; 6] = ["cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz",
 
 /// A cloud's columns in the order of files.
 pub(crate) fn of(cloud: &PointCloud) -> Vec<(&'static str, Column<'_>)> {
+    fn float<'a>(name: &'static str, value: impl Fn(usize) -> f32 + 'a) -> (&'static str, Column<'a>) {
+        (name, Column::Float(Box::new(value)))
+    }
     let positions = cloud.positions_mm();
     let mut columns = vec![
         ("x", Column::Double(positions, 0)),
         ("y", Column::Double(positions, 1)),
         ("z", Column::Double(positions, 2)),
     ];
-    columns.extend(cloud.intensities().map(|v| ("intensity", Column::Float(v))));
+    columns.extend(cloud.intensities().map(|v| float("intensity", |i| v[i])));
     columns.extend(cloud.frame_rows().map(|v| ("frame", Column::Int(v))));
-    columns.extend(
-        cloud.pixels().into_iter().flat_map(|v| [("u", Column::Pair(v, 0)), ("v", Column::Pair(v, 1))]),
-    );
-    columns.extend(cloud.sigmas_mm().map(|v| ("sigma", Column::Float(v))));
-    let six = cloud.covariances_mm2().into_iter();
-    columns.extend(
-        six.flat_map(|v| COVARIANCE.into_iter().enumerate().map(move |(at, n)| (n, Column::Six(v, at)))),
-    );
+    if let Some(v) = cloud.pixels() {
+        columns.extend([float("u", |i| v[i][0]), float("v", |i| v[i][1])]);
+    }
+    columns.extend(cloud.sigmas_mm().map(|v| float("sigma", |i| v[i])));
+    if let Some(v) = cloud.covariances_mm2() {
+        columns.extend(COVARIANCE.into_iter().enumerate().map(|(at, name)| float(name, move |i| v[i][at])));
+    }
     columns
 }
 
@@ -90,16 +80,19 @@ pub(crate) fn write_text(
     w: &mut dyn Write,
     columns: &[(&'static str, Column<'_>)],
     points: usize,
-    separator: char,
+    separator: u8,
 ) -> io::Result<()> {
+    let mut line = Vec::new();
     for point in 0..points {
+        line.clear();
         for (at, (_, column)) in columns.iter().enumerate() {
             if at > 0 {
-                write!(w, "{separator}")?;
+                line.push(separator);
             }
-            column.write_text(point, w)?;
+            column.append_text(point, &mut line)?;
         }
-        writeln!(w)?;
+        line.push(b'\n');
+        w.write_all(&line)?;
     }
     Ok(())
 }
@@ -114,6 +107,8 @@ pub(crate) struct Gather {
     sigma: Option<(usize, Vec<f32>)>,
     covariance: Option<([usize; 6], Vec<[f32; 6]>)>,
     positions: Vec<[f64; 3]>,
+    /// The value of `frame` that was no row, for which the column was dropped.
+    foreign_frame: Option<f64>,
 }
 
 impl Gather {
@@ -135,6 +130,7 @@ impl Gather {
             sigma: find("sigma").map(|at| (at, Vec::with_capacity(room))),
             covariance: all(COVARIANCE.map(find)).map(|at| (at, Vec::with_capacity(room))),
             positions: Vec::with_capacity(room),
+            foreign_frame: None,
         })
     }
 
@@ -147,10 +143,11 @@ impl Gather {
         if let Some((at, rows)) = &mut self.frame {
             let value = row[*at];
             let whole = value as u32;
-            if (f64::from(whole) - value).abs() > 0.0 || value.is_nan() {
-                return Err(format!("frame: {value} is no row of frames.csv"));
-            }
             rows.push(whole);
+            if (f64::from(whole) - value).abs() > 0.0 || value.is_nan() {
+                // Another software's column of this name is no reason to refuse its points.
+                (self.frame, self.foreign_frame) = (None, Some(value));
+            }
         }
         self.positions.push(position);
         for (at, values) in [&mut self.intensity, &mut self.sigma].into_iter().flatten() {
@@ -176,6 +173,10 @@ impl Gather {
         if let Some(unit) = unit.filter(|unit| *unit != "mm") {
             let what = format!("its unit is \"{unit}\"");
             return Err(Error::content(place, what, "convert it to millimetres (comment unit mm)"));
+        }
+        if let Some(value) = self.foreign_frame {
+            let what = format!("frame {value} is no row of frames.csv");
+            warnings.push(Problem::warning(place.clone(), what, "the column \"frame\" is ignored"));
         }
         let named = frame.map(|name| (name, Frame::from_name(name)));
         let frame = match named {

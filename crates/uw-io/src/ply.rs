@@ -52,7 +52,7 @@ pub fn write(path: &Path, overwrite: Overwrite, cloud: &PointCloud, encoding: En
         }
         writeln!(w, "end_header")?;
         match encoding {
-            Encoding::Ascii => columns::write_text(&mut w, &columns, cloud.len(), ' '),
+            Encoding::Ascii => columns::write_text(&mut w, &columns, cloud.len(), b' '),
             Encoding::Binary => {
                 let mut row = Vec::new();
                 for point in 0..cloud.len() {

@@ -42,7 +42,7 @@ pub fn write(
             Separator::Space => writeln!(w, "# {}", names.join(" "))?,
             Separator::Comma => writeln!(w, "{}", names.join(","))?,
         }
-        columns::write_text(w, &columns, cloud.len(), if separator == Separator::Space { ' ' } else { ',' })
+        columns::write_text(w, &columns, cloud.len(), if separator == Separator::Space { b' ' } else { b',' })
     })
 }
 

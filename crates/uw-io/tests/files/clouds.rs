@@ -230,8 +230,6 @@ fn what_is_no_sound_ply_is_refused_with_its_reason() {
         (format!("{}end_header\n1 two 3\n", head("1")), &[":8:", "y: \"two\""]),
         (format!("{}end_header\n1 2 nan\n", head("1")), &[":8:", "NaN"]),
         (format!("{}end_header\n1 inf 3\n", head("1")), &[":8:", "inf"]),
-        (format!("{}property int frame\nend_header\n1 2 3 -1\n", head("1")), &[":9:", "frame: -1"]),
-        (format!("{}property float frame\nend_header\n1 2 3 0.5\n", head("1")), &[":9:", "frame: 0.5"]),
         (format!("{}property float sigma\nend_header\n1 2 3 nan\n", head("1")), &["sigma of point 0"]),
         (
             format!("{}property list int int a\nend_header\n1 2 3 2000000000 1\n", head("1")),
@@ -254,6 +252,13 @@ fn what_is_no_sound_ply_is_refused_with_its_reason() {
     says(&read_ply(&list).unwrap_err().to_string(), &["ends after 0 of 4000000000"]);
     let (_, problems) = read_ply(format!("{}comment frame world\nend_header\n1 2 3\n", head("1"))).unwrap();
     says(&problems[0], &["\"world\"", "taken as the camera's"]);
+    for value in ["-1", "0.5", "nan", "5e9"] {
+        let text =
+            format!("{}property float frame\nend_header\n1 2 3 0\n4 5 6 {value}\n7 8 9 0\n", head("3"));
+        let (cloud, problems) = read_ply(text).unwrap();
+        assert_eq!((cloud.len(), cloud.frame_rows()), (3, None));
+        says(&problems[0], &["no row of frames.csv", "ignored"]);
+    }
 }
 
 #[test]
