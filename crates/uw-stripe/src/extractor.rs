@@ -26,8 +26,22 @@ const CHI2_PRIOR_FREEDOM: f64 = 6.0;
 const LEAST_RUN: usize = 3;
 /// Longest step between neighbours in a run: pixels plus widths.
 const RUN_STEP: (f32, f32) = (3.0, 2.0);
-/// Ratio of flux to a line two away (over the geometric mean on both sides) that counts as an albedo edge.
-const FLUX_JUMP: f64 = 1.6;
+/// Change of ln flux a line that counts as an albedo edge: at least this, and this many times the image's usual change.
+const FLUX_STEP: (f64, f64) = (0.15, 4.0);
+/// Lines within which two levels of flux count as an albedo edge's sides, their least ratio, and the ratio within which
+/// a flux belongs to one of them (speckle alone scatters it by a quarter).
+const LEVELS_REACH: usize = 12;
+const LEVELS_APART: f64 = 3.0;
+const LEVEL_MARGIN: f64 = 1.5;
+/// Sigma, in widths, of the shift by an edge that the stripe runs along: a Gaussian cut at its middle has its mean at
+/// 0.8 widths, and half of the width is the lens's.
+const LEAN_BETWEEN_LEVELS: f64 = 0.4;
+/// At a stripe's end, the share of the next line's flux below which only part of the beam met the surface.
+const PARTIAL: f64 = 0.4;
+/// Largest sigma in widths: beyond it there is no telling a stripe from the background's texture.
+const LARGEST_SIGMA_IN_WIDTHS: f64 = 0.25;
+/// A run needs as many members as [`LEAST_RUN`] with this many times the least signal-to-noise ratio.
+const STRONG: f64 = 2.0;
 /// Lines fitted for the estimate of noise and width; spread over the image.
 const TRAINING_LINES: usize = 400;
 /// Measurements below which the noise stays as guessed.
@@ -63,7 +77,7 @@ impl Default for Options {
             full_scale_dn: None,
             min_snr: 5.0,
             max_width_px: 8.0,
-            max_sigma_px: 0.5,
+            max_sigma_px: 1.0,
             reject_edges: false,
         }
     }
@@ -117,6 +131,10 @@ pub struct Extractor {
     widths: Vec<f64>,
     scratch: Vec<f32>,
     keep: Vec<bool>,
+    snr: Vec<f64>,
+    /// Scatter by speckle, in widths, and the usual change of ln flux a line, of the image at hand.
+    speckle: f64,
+    usual_step: f64,
     stripe: Stripe,
 }
 
@@ -139,6 +157,9 @@ impl Extractor {
             widths: Vec::new(),
             scratch: Vec::new(),
             keep: Vec::new(),
+            snr: Vec::new(),
+            speckle: 0.0,
+            usual_step: 0.0,
             stripe: Stripe::empty(),
         })
     }
@@ -304,6 +325,11 @@ impl Extractor {
             let line = self.lines.line(i);
             self.fits.push(k.and_then(|k| refine(line, noise, &self.candidates[i], k, prior, None)));
         }
+        self.usual_step = self.usual_step();
+        self.speckle = self.speckle();
+        self.stripe.scatter_widths = self.speckle as f32;
+        self.snr.clear();
+        self.snr.resize(self.fits.len(), 0.0);
         for i in 0..self.fits.len() {
             self.judge(i);
         }
@@ -311,7 +337,8 @@ impl Extractor {
         let width = &self.stripe.width_px[lines.clone()];
         let reach = |i: usize| RUN_STEP.0 + RUN_STEP.1 * width[i].max(0.0);
         let least = LEAST_RUN.min(self.fits.len());
-        keep_runs(&self.stripe.position_px[lines.clone()], reach, least, &mut self.keep);
+        let strong = |i: usize| self.snr[i] >= STRONG * f64::from(self.options.min_snr);
+        keep_runs(&self.stripe.position_px[lines.clone()], reach, strong, least, &mut self.keep);
         for (i, keep) in lines.zip(&self.keep) {
             if !keep && self.stripe.reject[i].is_none() {
                 self.stripe.reject[i] = Some(Reject::Inconsistent);
@@ -338,7 +365,15 @@ impl Extractor {
         };
         // Chi-square per degree of freedom, drawn towards 1 since a handful of pixels says little.
         let scale = (CHI2_PRIOR_FREEDOM + fit.chi2) / (CHI2_PRIOR_FREEDOM + fit.freedom);
-        let sigma = fit.sigma * scale.sqrt();
+        let step = self.flux_step(i);
+        let edge = step > self.edge_step();
+        // Light of which the surface sends back more on one side moves the centre by width² · d ln(albedo)/dx. The change
+        // across is not seen; along the stripe it is, and an edge may run either way. About half the width is the lens's,
+        // which moves nothing.
+        let along = if edge { 0.5 * fit.width * fit.width * step.min(1.0 / fit.width) } else { 0.0 };
+        let between = self.between_levels(i);
+        let lean = if between { along.max(LEAN_BETWEEN_LEVELS * fit.width) } else { along };
+        let sigma = (fit.sigma.powi(2) * scale + (self.speckle * fit.width).powi(2) + lean * lean).sqrt();
         let mut flags = Flags::NONE;
         let mut set = |flag, on| flags |= if on { flag } else { Flags::NONE };
         let length = self.lines.length as f64;
@@ -352,12 +387,18 @@ impl Extractor {
         );
         set(
             Flags::EDGE,
-            fit.skew_snr.abs() > SKEW.0 * scale.sqrt() && fit.skew.abs() > SKEW.1 || self.flux_jumps(i),
+            fit.skew_snr.abs() > SKEW.0 * scale.sqrt() && fit.skew.abs() > SKEW.1 || edge || between,
         );
         let reach = taken.scale as f64 + 2.0 * fit.width;
+        // Against the noise that would be there without a stripe, through the filter matched to its width: what decides
+        // whether there is one is the chance of the background to look like it.
+        let level = fit.background.max(0.0) + self.lines.line(i).pedestal(taken.centre);
+        let noise = self.stripe.noise.variance(level, 0.0) * 2.0 * std::f64::consts::PI.sqrt() * fit.width;
+        let snr = fit.flux / noise.sqrt();
+        self.snr[i] = snr;
         let reject = if (fit.centre - taken.centre as f64).abs() > reach {
             Some(Reject::NotConverged)
-        } else if fit.flux < f64::from(o.min_snr) * fit.sigma_flux * scale.sqrt() {
+        } else if snr < f64::from(o.min_snr) {
             Some(if fit.saturated > 0 { Reject::Saturated } else { Reject::BelowThreshold })
         } else if fit.width > f64::from(o.max_width_px) {
             Some(Reject::TooWide)
@@ -365,7 +406,11 @@ impl Extractor {
             Some(Reject::TooNarrow)
         } else if fit.centre - fit.width < -0.5 || fit.centre + fit.width > length - 0.5 {
             Some(Reject::AtBorder)
-        } else if sigma > f64::from(o.max_sigma_px) {
+        } else if self.partial(i) {
+            Some(Reject::Edge)
+        } else if sigma > f64::from(o.max_sigma_px)
+            || fit.sigma * scale.sqrt() > LARGEST_SIGMA_IN_WIDTHS * fit.width
+        {
             Some(if fit.saturated > 0 { Reject::Saturated } else { Reject::Imprecise })
         } else if o.reject_edges && flags.contains(Flags::EDGE) {
             Some(Reject::Edge)
@@ -386,12 +431,106 @@ impl Extractor {
         s.chi2[out] = (fit.chi2 / fit.freedom.max(1.0)) as f32;
     }
 
-    /// True where the flux changes along the stripe faster than a smooth surface's would: at a square's border.
-    fn flux_jumps(&self, i: usize) -> bool {
-        let flux = |j: Option<usize>| j.and_then(|j| self.fits.get(j).copied().flatten()).map(|f| f.flux);
-        let (Some(before), Some(after)) = (flux(i.checked_sub(2)), flux(Some(i + 2))) else { return false };
-        let ratio = after / before;
-        !(1.0 / FLUX_JUMP..=FLUX_JUMP).contains(&ratio)
+    /// Flux of the fit on a line of the region, if there is one.
+    fn flux(&self, line: Option<usize>) -> Option<f64> {
+        self.fits.get(line?)?.as_ref().map(|f| f.flux)
+    }
+
+    /// Largest change of ln flux a line, over two lines to either side; 0 without neighbours.
+    fn flux_step(&self, i: usize) -> f64 {
+        const REACH: usize = 2;
+        let Some(here) = self.flux(Some(i)) else { return 0.0 };
+        let change = |j| self.flux(j).map_or(0.0, |f| (f / here).ln().abs() / REACH as f64);
+        change(i.checked_sub(REACH)).max(change(Some(i + REACH)))
+    }
+
+    /// Change of ln flux a line that counts as an edge in the image at hand.
+    fn edge_step(&self) -> f64 {
+        FLUX_STEP.0.max(FLUX_STEP.1 * self.usual_step)
+    }
+
+    /// True where the flux lies well between two levels that the stripe has nearby: it runs along an albedo edge, which
+    /// shifts its centre without any sudden change.
+    fn between_levels(&self, i: usize) -> bool {
+        let Some(here) = self.flux(Some(i)) else { return false };
+        let nearby = i.saturating_sub(LEVELS_REACH)..(i + LEVELS_REACH + 1).min(self.fits.len());
+        let (low, high) = nearby
+            .filter_map(|j| self.flux(Some(j)))
+            .fold((f64::INFINITY, 0.0f64), |(low, high), f| (low.min(f), high.max(f)));
+        high > LEVELS_APART * low && here > LEVEL_MARGIN * low && here * LEVEL_MARGIN < high
+    }
+
+    /// True at the end of a stripe where its light falls off: the beam's other part went past the surface.
+    fn partial(&self, i: usize) -> bool {
+        let Some(here) = self.flux(Some(i)) else { return false };
+        let (before, after) = (self.flux(i.checked_sub(1)), self.flux(Some(i + 1)));
+        match (before, after) {
+            (Some(next), None) | (None, Some(next)) => here < PARTIAL * next,
+            _ => false,
+        }
+    }
+
+    /// Scatter of the centres along the stripe beyond the fits' own sigmas, in widths: what speckle (whose grains the
+    /// lens spreads over several pixels, so that residuals hardly show it) does to a centre.
+    ///
+    /// Third differences at a spacing of two lines, in which slope and curvature of the surface and the grains' extent
+    /// along the stripe drop out; the factor is the one that brings their median to that of a normal distribution.
+    fn speckle(&self) -> f64 {
+        /// Squares of the third difference's coefficients 1, −3, 3, −1.
+        const WEIGHTS: [f64; 4] = [1.0, 9.0, 9.0, 1.0];
+        const SPACING: usize = 2;
+        /// Median of |N(0, 1)|.
+        const MEDIAN_ABS: f64 = 0.6745;
+        /// Differences below which the scatter is not known, and the excess in its own sigmas that counts.
+        const LEAST: usize = 20;
+        const SIGNIFICANT: f64 = 2.0;
+        /// Halvings of the interval [0, 1] widths.
+        const HALVINGS: usize = 20;
+        let smooth: Vec<bool> = (0..self.fits.len())
+            .map(|i| self.fits[i].is_some() && self.flux_step(i) <= self.edge_step())
+            .collect();
+        let mut differences = Vec::new();
+        for i in 0..self.fits.len().saturating_sub(3 * SPACING) {
+            let at =
+                [0, 1, 2, 3].map(|k| self.fits[i + k * SPACING].filter(|f| f.converged && f.saturated == 0));
+            let [Some(a), Some(b), Some(c), Some(d)] = at else { continue };
+            let four = [a, b, c, d];
+            let close = four
+                .windows(2)
+                .all(|p| (p[0].centre - p[1].centre).abs() < SPACING as f64 * f64::from(RUN_STEP.0));
+            if close && smooth[i..=i + 3 * SPACING].iter().all(|s| *s) {
+                let difference = a.centre - 3.0 * b.centre + 3.0 * c.centre - d.centre;
+                let sum =
+                    |value: fn(&Fit) -> f64| four.iter().zip(WEIGHTS).map(|(f, w)| w * value(f)).sum::<f64>();
+                differences.push((difference, sum(|f| f.sigma * f.sigma), sum(|f| f.width * f.width)));
+            }
+        }
+        let count = differences.len();
+        if count < LEAST {
+            return 0.0;
+        }
+        let ratio = |k: f64| {
+            let mut r: Vec<f64> =
+                differences.iter().map(|(d, s, w)| d.abs() / (s + k * k * w).sqrt()).collect();
+            median(&mut r) / MEDIAN_ABS
+        };
+        // The relative sigma of a median absolute deviation is 1.17 / √(2 n) for n independent ones; four share a centre.
+        if ratio(0.0) < 1.0 + SIGNIFICANT * 1.17 * (2.0 / count as f64).sqrt() {
+            return 0.0;
+        }
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if ratio(middle) > 1.0 { low = middle } else { high = middle }
+        }
+        0.5 * (low + high)
+    }
+
+    /// Median change of ln flux a line: texture and speckle of the surface at hand.
+    fn usual_step(&self) -> f64 {
+        let mut steps: Vec<f64> =
+            (0..self.fits.len()).map(|i| self.flux_step(i)).filter(|s| *s > 0.0).collect();
+        median(&mut steps)
     }
 }
 

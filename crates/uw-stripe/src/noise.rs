@@ -115,49 +115,38 @@ pub(crate) struct Residual {
 
 /// Reads gain, read noise and speckle contrast off the residuals of stripe fits.
 ///
-/// The residuals are binned by level; in each bin the assumed variance is rescaled by Σ r² / Σ v (1 − h) and the model
-/// fitted to the bins by least squares on relative errors with all three terms kept ≥ 0.
+/// The residuals are binned by level; in each bin the assumed variance is rescaled by the median of r² / v (1 − h) over
+/// that of χ²₁ (so that edges and reflections, a minority, do not count), and the model fitted to the bins by least
+/// squares on relative errors with all three terms kept ≥ 0.
 pub(crate) fn photon_transfer(residuals: &[Residual], now: &NoiseModel) -> NoiseModel {
     /// Bins an octave of the level, and how many; from below one DN up to 16 bits.
     const PER_OCTAVE: f64 = 2.0;
     const BINS: usize = 40;
-    /// Degrees of freedom below which a bin says nothing.
-    const LEAST_FREEDOM: f64 = 8.0;
-    #[derive(Clone, Copy, Default)]
-    struct Bin {
-        got: f64,
-        expected: f64,
-        freedom: f64,
-        level: f64,
-        signal: f64,
-        variance: f64,
-        count: f64,
-    }
-    let mut bins = [Bin::default(); BINS];
-    for r in residuals {
+    /// Pixels below which a bin says nothing.
+    const LEAST_PIXELS: usize = 12;
+    /// Pixels that the fit follows almost wholly tell more of rounding than of noise.
+    const LEAST_FREEDOM: f64 = 0.1;
+    /// Median of χ² with one degree of freedom.
+    const MEDIAN_CHI2: f64 = 0.4549;
+    let mut bins: Vec<Vec<(f64, &Residual)>> = vec![Vec::new(); BINS];
+    for r in residuals.iter().filter(|r| r.freedom >= LEAST_FREEDOM && r.variance > 0.0) {
         let at = ((1.0 + r.level.max(0.0)).log2() * PER_OCTAVE) as usize;
-        let bin = &mut bins[at.min(BINS - 1)];
-        bin.got += r.square;
-        bin.expected += r.variance * r.freedom;
-        bin.freedom += r.freedom;
-        bin.level += r.level.max(0.0);
-        bin.signal += r.signal * r.signal;
-        bin.variance += r.variance;
-        bin.count += 1.0;
+        bins[at.min(BINS - 1)].push((r.square / (r.variance * r.freedom), r));
     }
     // Rows of the relative least-squares problem: (1, level, signal²) · x = variance − 1/12, each weighted by the bin's
-    // freedom (the relative variance of a variance estimate is 2 / freedom).
-    let mut rows = [([0.0f64; 3], 0.0f64); BINS];
-    let mut used = 0;
-    for bin in bins.iter().filter(|b| b.freedom >= LEAST_FREEDOM && b.expected > 0.0) {
-        let variance = bin.variance / bin.count * (bin.got / bin.expected);
-        let target = (variance - QUANTISATION).max(0.0);
-        let weight = bin.freedom.sqrt() / variance.max(QUANTISATION);
-        let terms = [1.0, bin.level / bin.count, bin.signal / bin.count];
-        rows[used] = (terms.map(|t| t * weight), target * weight);
-        used += 1;
+    // count (the relative variance of a variance estimate falls with it).
+    let mut rows = Vec::with_capacity(BINS);
+    for bin in bins.iter_mut().filter(|b| b.len() >= LEAST_PIXELS) {
+        let count = bin.len() as f64;
+        let middle = bin.len() / 2;
+        let ratio = bin.select_nth_unstable_by(middle, |a, b| a.0.total_cmp(&b.0)).1.0 / MEDIAN_CHI2;
+        let mean = |value: fn(&Residual) -> f64| bin.iter().map(|(_, r)| value(r)).sum::<f64>() / count;
+        let variance = mean(|r| r.variance) * ratio;
+        let weight = count.sqrt() / variance.max(QUANTISATION);
+        let terms = [1.0, mean(|r| r.level.max(0.0)), mean(|r| r.signal * r.signal)];
+        rows.push((terms.map(|t| t * weight), (variance - QUANTISATION).max(0.0) * weight));
     }
-    let Some(x) = least_squares_not_negative(&rows[..used]) else { return *now };
+    let Some(x) = least_squares_not_negative(&rows) else { return *now };
     NoiseModel {
         read_noise_dn: x[0].sqrt() as f32,
         gain_e_per_dn: if x[1] > 0.0 { (1.0 / x[1]).min(1e6) as f32 } else { 1e6 },
@@ -166,13 +155,18 @@ pub(crate) fn photon_transfer(residuals: &[Residual], now: &NoiseModel) -> Noise
     }
 }
 
-/// The least-squares solution with x ≥ 0 over three columns: the best of the seven subsets whose plain solution is
-/// not negative. `None` with fewer rows than columns.
+/// The least-squares solution with x ≥ 0 over three columns: the best of the subsets whose plain solution is not
+/// negative. The last column (speckle) is used only where it clearly explains what the others cannot, since a needless
+/// term takes weight from the bright pixels. `None` with fewer rows than columns.
 fn least_squares_not_negative(rows: &[([f64; 3], f64)]) -> Option<[f64; 3]> {
+    /// Fall of the cost that a third term must bring: five sigmas of a median-based variance (sigma 1.65 / √n), and half
+    /// of what the cost was.
+    const LEAST_FALL: f64 = 25.0 * 1.65 * 1.65;
+    const LEAST_SHARE: f64 = 0.5;
     if rows.len() < 3 {
         return None;
     }
-    let mut best: Option<(f64, [f64; 3])> = None;
+    let mut best = [None::<(f64, [f64; 3])>; 2];
     for subset in 1u8..8 {
         let mut normal = nalgebra::Matrix3::<f64>::zeros();
         let mut right = nalgebra::Vector3::<f64>::zeros();
@@ -195,9 +189,18 @@ fn least_squares_not_negative(rows: &[([f64; 3], f64)]) -> Option<[f64; 3]> {
             continue;
         }
         let cost: f64 = rows.iter().map(|(t, y)| (t[0] * x[0] + t[1] * x[1] + t[2] * x[2] - y).powi(2)).sum();
-        if best.is_none_or(|(least, _)| cost < least) {
-            best = Some((cost, [x[0], x[1], x[2]]));
+        let kind = &mut best[usize::from(subset >> 2)];
+        if kind.is_none_or(|(least, _)| cost < least) {
+            *kind = Some((cost, [x[0], x[1], x[2]]));
         }
     }
-    best.map(|(_, x)| x)
+    match best {
+        [Some((plain, x)), Some((speckled, _))]
+            if speckled > (LEAST_SHARE * plain).min(plain - LEAST_FALL) =>
+        {
+            Some(x)
+        }
+        [_, Some((_, x))] | [Some((_, x)), None] => Some(x),
+        [None, None] => None,
+    }
 }

@@ -98,7 +98,18 @@ impl Search {
     fn scan(&mut self, line: Line<'_>, noise: &NoiseModel, half: usize, least_snr: f32) {
         let n = line.value.len();
         let scale = 2 * half + 1;
+        // Cheap test first, by multiplication only: most of an image is dark and fails it.
+        let per_pixel = 1.0 / scale as f64;
+        let least = f64::from(least_snr) * (noise.variance(0.0, 0.0) * per_pixel).sqrt();
         for centre in 0..n {
+            let margin = half + scale;
+            if centre >= margin && centre + margin < n {
+                let inner = self.sums[centre + half + 1] - self.sums[centre - half];
+                let all = self.sums[centre + margin + 1] - self.sums[centre - margin];
+                if (inner - 0.5 * (all - inner)) * per_pixel < least {
+                    continue;
+                }
+            }
             // At the border the boxes are cut; a side without pixels counts as the other.
             let (from, to) = (centre.saturating_sub(half), (centre + half + 1).min(n));
             let (before, after) = (from.saturating_sub(scale), (to + scale).min(n));

@@ -152,6 +152,8 @@ pub struct Stripe {
     pub reject: Vec<Option<Reject>>,
     /// The noise that thresholds and sigmas rest on: the given one, or the image's own estimate.
     pub noise: NoiseModel,
+    /// Scatter of the centres along the stripe beyond what the fits predict, in widths; part of every `sigma_px`.
+    pub scatter_widths: f32,
 }
 
 impl Stripe {
@@ -168,6 +170,7 @@ impl Stripe {
             flags: Vec::new(),
             reject: Vec::new(),
             noise: NoiseModel::start(255.0),
+            scatter_widths: 0.0,
         }
     }
 

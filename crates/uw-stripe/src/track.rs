@@ -68,8 +68,14 @@ impl Tracker {
 }
 
 /// Marks what has enough company: `position` (NaN = none) joins its neighbours up to two lines away when the step is
-/// at most `reach(i)` px a line; runs shorter than `least` are not kept.
-pub(crate) fn keep_runs(position: &[f32], reach: impl Fn(usize) -> f32, least: usize, keep: &mut Vec<bool>) {
+/// at most `reach(i)` px a line; runs with fewer than `least` members that are `strong` are not kept.
+pub(crate) fn keep_runs(
+    position: &[f32],
+    reach: impl Fn(usize) -> f32,
+    strong: impl Fn(usize) -> bool,
+    least: usize,
+    keep: &mut Vec<bool>,
+) {
     /// Lines that a run may skip.
     const GAP: usize = 2;
     keep.clear();
@@ -88,7 +94,7 @@ pub(crate) fn keep_runs(position: &[f32], reach: impl Fn(usize) -> f32, least: u
             close(first, last, members);
             (first, members) = (i, 0);
         }
-        members += 1;
+        members += usize::from(strong(i));
         last = Some(i);
     }
     close(first, last, members);

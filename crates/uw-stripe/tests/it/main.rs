@@ -1,0 +1,5 @@
+//! Claims about whole images, on scenes whose truth is known.
+
+mod accuracy;
+mod behaviour;
+mod scene;
