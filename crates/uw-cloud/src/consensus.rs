@@ -12,8 +12,8 @@ const AGREEING_SHARE: f64 = 0.3;
 /// Samples tried. With seven tenths outliers one in 120 samples of four is sound; five of 600 are on average.
 const TRIALS: usize = 600;
 
-/// Points that hypotheses are compared on: the rank of a residual among so many is known to 1 %.
-const COMPARED: usize = 2000;
+/// Points that hypotheses are compared on: the rank of a residual among so many is known to 2 %.
+const COMPARED: usize = 500;
 
 /// Concentration steps after the best sample (P. Rousseeuw, K. van Driessen, Technometrics 41 (1999) 212).
 const CONCENTRATIONS: usize = 10;
@@ -87,7 +87,7 @@ pub(crate) fn consensus<S: Surface<P>, const P: usize>(
         scatter_mm = last.0;
         let sound: Vec<_> = nearest[..count].iter().map(|&(_, i)| observations[i].bare()).collect();
         surface = candidate;
-        match refine(surface.clone(), sound.iter(), 1.0, sample.resolution_mm) {
+        match refine(surface.clone(), &sound.iter().collect::<Vec<_>>(), 1.0, sample.resolution_mm) {
             Some(refined) => candidate = refined,
             None => break,
         }

@@ -115,20 +115,20 @@ pub(crate) struct Fitted<S, const P: usize> {
 }
 
 /// Returns the surface of least Σ d² over the given points, from a start; `None` where there is none.
-pub(crate) fn refine<'a, S: Surface<P>, const P: usize>(
+pub(crate) fn refine<S: Surface<P>, const P: usize>(
     start: S,
-    points: impl Iterator<Item = &'a Observation> + Clone,
+    points: &[&Observation],
     floor_mm: f64,
     resolution_mm: f64,
 ) -> Option<S> {
-    let negligible = points.clone().count() as f64 * (resolution_mm / floor_mm).powi(2);
-    minimise(start, negligible, |s| normal_equations(s, points.clone(), floor_mm), |s, step| s.moved(step))
+    let negligible = points.len() as f64 * (resolution_mm / floor_mm).powi(2);
+    minimise(start, negligible, |s| normal_equations(s, points, floor_mm), S::moved)
 }
 
 /// Returns Σ d² and its derivatives.
-fn normal_equations<'a, S: Surface<P>, const P: usize>(
+fn normal_equations<S: Surface<P>, const P: usize>(
     surface: &S,
-    points: impl Iterator<Item = &'a Observation>,
+    points: &[&Observation],
     floor_mm: f64,
 ) -> Normal<P> {
     let mut normal = Normal::zero();
@@ -162,8 +162,8 @@ pub(crate) fn fit<S: Surface<P>, const P: usize>(
         if count < needed {
             return Err(FitError::NoConsensus { shape: S::NAME, needed, got: count, points: all.len() });
         }
-        let sound = || all.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(o, _)| o);
-        surface = refine(surface, sound(), floor.used_mm, sample.resolution_mm)
+        let sound: Vec<_> = all.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(o, _)| o).collect();
+        surface = refine(surface, &sound, floor.used_mm, sample.resolution_mm)
             .ok_or(FitError::NotConverged { shape: S::NAME, iterations: MAX_ITERATIONS })?;
         let feet: Vec<_> = all.iter().map(|o| surface.foot(o, floor.used_mm)).collect();
         let kept: Vec<_> = feet.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(f, _)| f).collect();
@@ -197,26 +197,40 @@ pub(crate) fn fit<S: Surface<P>, const P: usize>(
     Err(FitError::NotConverged { shape: S::NAME, iterations: MAX_ROUNDS })
 }
 
-/// Returns how much worse `other` explains a sample than `fitted` does, as a difference of chi²: Σ d²/φ over all
-/// points, each at most at the rejection limit, both in the floor and the scale of the one that is nearer to most points.
-pub(crate) fn chi2_difference<S: Surface<P>, const P: usize>(
-    other: &Fitted<S, P>,
+/// Returns Σ d²/φ over all points, each at most at the rejection limit, in a given floor and scale.
+fn bounded_chi2<S: Surface<P>, const P: usize>(surface: &S, sample: &Sample, floor: Floor) -> f64 {
+    let limit = rejection_limit(sample.observations.len());
+    let share = |o: &Observation| {
+        let foot = surface.foot(o, floor.used_mm);
+        let variance = (floor.scale * foot.variance_mm2).max(sample.resolution_mm.powi(2));
+        (foot.residual_mm * foot.residual_mm / variance).min(limit * limit)
+    };
+    sample.observations.iter().map(share).sum()
+}
+
+/// Returns the fit from another start, and by how much more chi² it is worse than `fitted`; `None` where it comes to
+/// rest nowhere or, with the inliers of `fitted`, is worse by more than `decisive`.
+pub(crate) fn rival<S: Surface<P>, const P: usize>(
+    start: S,
     fitted: &Fitted<S, P>,
     sample: &Sample,
-) -> f64 {
+    decisive: f64,
+) -> Option<(Fitted<S, P>, f64)> {
     let all = &sample.observations;
-    let nearness = |fit: &Fitted<S, P>| scale_about_zero(all.iter().map(|o| fit.surface.distance(&o.point)));
-    let floor = if nearness(other) < nearness(fitted) { other.floor } else { fitted.floor };
-    let limit = rejection_limit(all.len());
-    let chi2 = |surface: &S| -> f64 {
-        let share = |o: &Observation| {
-            let foot = surface.foot(o, floor.used_mm);
-            let variance = (floor.scale * foot.variance_mm2).max(sample.resolution_mm.powi(2));
-            (foot.residual_mm * foot.residual_mm / variance).min(limit * limit)
-        };
-        all.iter().map(share).sum()
+    let sound: Vec<_> = fitted.inliers.iter().map(|&i| &all[i]).collect();
+    let start = refine(start, &sound, fitted.floor.used_mm, sample.resolution_mm)?;
+    let worse = |surface: &S, floor| {
+        bounded_chi2(surface, sample, floor) - bounded_chi2(&fitted.surface, sample, floor)
     };
-    chi2(&other.surface) - chi2(&fitted.surface)
+    if worse(&start, fitted.floor) > decisive {
+        return None;
+    }
+    let nearness = |surface: &S| scale_about_zero(all.iter().map(|o| surface.distance(&o.point)));
+    let other = fit(start, fitted.deviations.rms_mm, sample).ok()?;
+    // Both in the floor and the scale of the one that is nearer to most points: a bad fit forgives too much.
+    let nearer = if nearness(&other.surface) < nearness(&fitted.surface) { &other } else { fitted };
+    let difference = worse(&other.surface, nearer.floor);
+    Some((other, difference))
 }
 
 /// Returns the covariance of the parameters, as the module's documentation describes.
@@ -297,7 +311,7 @@ fn deviations<S: Surface<P>, const P: usize>(
         duplicates: sample.duplicates,
         rms_mm: (distances().map(|d| d * d).sum::<f64>() / inliers.len().max(1) as f64).sqrt(),
         max_outside_mm: distances().fold(0.0, f64::max),
-        max_inside_mm: -distances().fold(0.0, f64::min),
+        max_inside_mm: distances().fold(0.0, |deepest, d| deepest.max(-d)),
         scale: known(floor.scale),
         floor_mm: known(floor.likely_mm * floor.scale.sqrt()),
     }

@@ -12,7 +12,7 @@
 //! | refinement | `fit` | maximum likelihood with errors in variables; noise floor; scale; which points are outliers |
 //! | covariance | `fit` | sigmas, and whether the points determine the shape at all |
 //!
-//! A shape is a [`fit::Surface`]: its signed distance, the foot of a point under that point's own covariance, and
+//! A shape is a `fit::Surface`: its signed distance, the foot of a point under that point's own covariance, and
 //! the derivatives there. Everything else is shared between shapes.
 
 mod cloud;

@@ -57,15 +57,21 @@ pub(crate) fn minimise<S, const P: usize>(
         });
         match trial {
             Some((predicted, next, next_normal)) if next_normal.cost <= normal.cost => {
-                let done = damping < 1.0 && predicted <= COST_TOLERANCE * normal.cost;
+                let done = damping <= 10.0 && predicted <= COST_TOLERANCE * normal.cost;
+                let gain = (normal.cost - next_normal.cost) / predicted;
                 (at, normal) = (next, next_normal);
-                damping = (damping / 10.0).max(1e-12);
+                // Curvature that Gauss and Newton leave out makes steps too long: then the gain is small.
+                if gain > 0.75 {
+                    damping = (damping / 10.0).max(1e-12);
+                } else if gain < 0.25 {
+                    damping *= 10.0;
+                }
                 if done || normal.cost <= negligible {
                     return Some(at);
                 }
             }
             // At the minimum rounding alone may raise the cost.
-            Some((predicted, ..)) if damping < 1.0 && predicted <= COST_TOLERANCE * normal.cost => {
+            Some((predicted, ..)) if damping <= 10.0 && predicted <= COST_TOLERANCE * normal.cost => {
                 return Some(at);
             }
             _ if damping > MAX_DAMPING => return Some(at),

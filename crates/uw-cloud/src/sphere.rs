@@ -3,7 +3,7 @@
 use crate::cloud::PointCloud;
 use crate::consensus::consensus;
 use crate::error::FitError;
-use crate::fit::{Deviations, Fitted, Foot, Surface, chi2_difference, fit};
+use crate::fit::{Deviations, Fitted, Foot, Surface, fit, rival};
 use crate::sample::{Observation, Sample};
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
@@ -82,7 +82,7 @@ pub fn fit_sphere(cloud: &PointCloud, options: &SphereOptions) -> Result<SphereF
             let start = consensus(&sample, 3, options.seed, |p| through_three(p, radius))
                 .ok_or(FitError::Undetermined { shape: KnownSphere::NAME, noise_share: 1.0, allowed: 0.0 })?;
             let fitted = fit::<KnownSphere, 3>(start.surface, start.scatter_mm, &sample)?;
-            let fitted = on_the_right_side(fitted, start.scatter_mm, &sample)?;
+            let fitted = on_the_right_side(fitted, &sample)?;
             let mut covariance = Matrix4::zeros();
             covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&fitted.covariance);
             Ok(result(&fitted.surface.0, &sample, covariance, fitted.deviations))
@@ -107,18 +107,16 @@ fn result(ball: &Ball, sample: &Sample, covariance: Matrix4<f64>, deviations: De
 /// Returns the better of a ball of known radius and its mirror image beyond the cap.
 fn on_the_right_side(
     fitted: Fitted<KnownSphere, 3>,
-    scatter_mm: f64,
     sample: &Sample,
 ) -> Result<Fitted<KnownSphere, 3>, FitError> {
     let ball = fitted.surface.0;
     let middle = fitted.inliers.iter().map(|&i| sample.observations[i].point).sum::<Vector3<f64>>()
         / fitted.inliers.len().max(1) as f64;
     let mirrored = KnownSphere(Ball { center: middle * 2.0 - ball.center, ..ball });
-    let Ok(other) = fit::<KnownSphere, 3>(mirrored, scatter_mm.max(fitted.deviations.rms_mm), sample) else {
+    let Some((other, chi2_difference)) = rival(mirrored, &fitted, sample, SIDE_CHI2) else {
         return Ok(fitted);
     };
     let separation_mm = (other.surface.0.center - ball.center).norm();
-    let chi2_difference = chi2_difference(&other, &fitted, sample);
     if separation_mm < 1e-3 * ball.radius || chi2_difference > SIDE_CHI2 {
         Ok(fitted)
     } else if chi2_difference < -SIDE_CHI2 {
@@ -177,7 +175,7 @@ impl Ball {
             let s = at(nu);
             let length = s.norm();
             let excess = length / self.radius - 1.0;
-            if excess.abs() < 4.0 * f64::EPSILON {
+            if excess.abs() < 8.0 * f64::EPSILON {
                 break;
             }
             if excess > 0.0 {
@@ -195,7 +193,7 @@ impl Ball {
             } else {
                 2.0 * low + 1.0
             };
-            if (nu - previous).abs() <= f64::EPSILON * (1.0 + nu.abs()) * 1e-3 {
+            if (nu - previous).abs() <= 2.0 * f64::EPSILON * nu.abs() {
                 break;
             }
         }

@@ -1,0 +1,6 @@
+//! Tests of the public fits: one binary.
+
+mod bad_input;
+mod monte_carlo;
+mod properties;
+mod scene;
