@@ -6,6 +6,7 @@ use crate::error::GeomError;
 use crate::fan::Sheet;
 use crate::plane::Plane;
 use crate::ray::Ray;
+use crate::real::unit;
 use crate::snell::Medium;
 use nalgebra::{Vector2, Vector3};
 
@@ -16,14 +17,20 @@ use nalgebra::{Vector2, Vector3};
 /// That moves the viewpoint by h_c (1 − n) + t (1 − n/n_g), −2.4 mm in the paper's instrument.
 ///
 /// # Errors
-/// As [`Camera::unproject`].
+/// As [`Camera::unproject`]; [`GeomError::TotalReflection`] for an index below sin α.
 pub fn scaled_pixel_ray(camera: &Camera, pixel: &Vector2<f64>, outside: Medium) -> Result<Ray, GeomError> {
     let d = camera.unproject(pixel)?;
     let tan_alpha = d.x.hypot(d.y);
     let sin_beta = tan_alpha / tan_alpha.hypot(1.0) / outside.index;
     // tan β / tan α, written without the division by tan α = 0 in the middle of the image.
     let k = 1.0 / (outside.index * tan_alpha.hypot(1.0) * (1.0 - sin_beta * sin_beta).sqrt());
-    let direction = Vector3::new(k * d.x, k * d.y, 1.0).normalize();
+    let direction = Vector3::new(k * d.x, k * d.y, 1.0);
+    // An index below sin α makes k infinite or no number.
+    let direction = unit(&direction).ok_or(GeomError::TotalReflection {
+        from_index: 1.0,
+        to_index: outside.index,
+        incidence_deg: tan_alpha.atan().to_degrees(),
+    })?;
     Ok(Ray { origin: Vector3::zeros(), direction })
 }
 

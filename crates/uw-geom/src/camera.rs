@@ -32,14 +32,20 @@ impl<T: Real> Distortion<T> {
         let (x, y) = (point.x, point.y);
         let (xx, yy, xy) = (x * x, y * y, (x * y).scale(2.0));
         let r2 = xx + yy;
-        let radial = T::constant(1.0) + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
+        let radial = self.radial(r2);
         Vector2::new(
             x * radial + self.p1 * xy + self.p2 * (r2 + xx.scale(2.0)),
             y * radial + self.p1 * (r2 + yy.scale(2.0)) + self.p2 * xy,
         )
     }
 
-    fn value(&self) -> Distortion<f64> {
+    /// 1 + k₁r² + k₂r⁴ + k₃r⁶.
+    fn radial(&self, r2: T) -> T {
+        T::constant(1.0) + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
+    }
+
+    /// The distortion without derivatives.
+    pub fn value(&self) -> Distortion<f64> {
         Distortion {
             k1: self.k1.value(),
             k2: self.k2.value(),
@@ -51,10 +57,32 @@ impl<T: Real> Distortion<T> {
 }
 
 impl Distortion<f64> {
+    /// Whether an undistorted normalised point lies in the field around the optical axis in which distortion is one-to-one:
+    /// r(1 + k₁r² + k₂r⁴ + k₃r⁶) grows all the way from the axis to it, and the decentering does not fold it over. Farther
+    /// out a polynomial turns back, and [`Camera::project`] gives a pixel at which the point isn't seen.
+    pub fn is_one_to_one_at(&self, point: &Vector2<f64>) -> bool {
+        let jacobian = self.jacobian(point);
+        self.grows_to(point.norm_squared()) && jacobian.determinant() > 0.0 && jacobian.trace() > 0.0
+    }
+
+    /// Whether d(radial curve)/dr = 1 + 3k₁q + 5k₂q² + 7k₃q³, q = r², is positive on all of 0 … q.
+    fn grows_to(&self, q: f64) -> bool {
+        let (a, b, c) = (3.0 * self.k1, 5.0 * self.k2, 7.0 * self.k3);
+        if q * (a.abs() + q * (b.abs() + q * c.abs())) < 1.0 {
+            return true;
+        }
+        let grows = |q: f64| 1.0 + q * (a + q * (b + q * c)) > 0.0;
+        // Its smallest value is at an end or where a + 2bq + 3cq² = 0; the second form of the roots stands c = 0.
+        let root = (b * b - 3.0 * a * c).max(0.0).sqrt();
+        let inside = |x: f64| x > 0.0 && x < q;
+        let turns = [-a / (b + root), -a / (b - root)];
+        grows(q) && turns.into_iter().filter(|x| inside(*x)).all(grows)
+    }
+
     /// ∂(distorted)/∂(undistorted).
     fn jacobian(&self, p: &Vector2<f64>) -> Matrix2<f64> {
         let r2 = p.norm_squared();
-        let radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
+        let radial = self.radial(r2);
         let slope = 2.0 * (self.k1 + r2 * (2.0 * self.k2 + r2 * 3.0 * self.k3));
         let cross = slope * p.x * p.y + 2.0 * (self.p1 * p.x + self.p2 * p.y);
         Matrix2::new(
@@ -83,18 +111,26 @@ pub struct Camera<T = f64> {
 
 /// Newton steps after which undistortion is given up.
 const MAX_STEPS: u32 = 30;
+/// A step of undistortion (normalised image) behind which the last one ends below rounding: Newton doubles the digits.
+const NEARLY_SETTLED: f64 = 1e-4;
 
 impl<T: Real> Camera<T> {
-    /// The pixel at which light arriving from `direction` (camera frame, any length) is seen.
+    /// The pixel at which light arriving from `direction` (camera frame, any length) is seen. Far outside the field of view
+    /// a distortion polynomial may fold back into the image: [`Distortion::is_one_to_one_at`] tells.
     ///
     /// # Errors
-    /// [`GeomError::BehindCamera`] unless z > 0.
+    /// [`GeomError::BehindCamera`] unless z > 0; [`GeomError::Invalid`] for figures that are not finite.
     pub fn project(&self, direction: &Vector3<T>) -> Result<Vector2<T>, GeomError> {
         if direction.z.value().is_nan() || direction.z.value() <= 0.0 {
             return Err(GeomError::BehindCamera { z: direction.z.value() });
         }
         let d = self.distortion.apply(&Vector2::new(direction.x / direction.z, direction.y / direction.z));
-        Ok(Vector2::new(self.fx * d.x + self.cx, self.fy * d.y + self.cy))
+        let pixel = Vector2::new(self.fx * d.x + self.cx, self.fy * d.y + self.cy);
+        let size = pixel.x.value().abs() + pixel.y.value().abs();
+        if !size.is_finite() {
+            return Err(GeomError::Invalid { what: "a projected pixel", needed: "finite", got: size });
+        }
+        Ok(pixel)
     }
 
     /// The direction in air (camera frame, z = 1) from which light at `pixel` arrives.
@@ -106,26 +142,31 @@ impl<T: Real> Camera<T> {
         let target = distorted.map(T::value);
         let distortion = self.distortion.value();
         let fail = GeomError::Undistortable { x: target.x, y: target.y };
-        let mut p = target;
-        let mut inverse = None;
+        // Past the turning point of the radial curve there is another, false, solution: the Jacobian tells.
+        let inverse_at = |p: &Vector2<f64>| {
+            let j = distortion.jacobian(p);
+            let determinant = j.determinant();
+            (determinant > 0.0 && j.trace() > 0.0)
+                .then(|| Matrix2::new(j.m22, -j.m12, -j.m21, j.m11) * (1.0 / determinant))
+                .ok_or(fail)
+        };
+        let radial = distortion.radial(target.norm_squared());
+        let decentering = distortion.apply(&target) - target * radial;
+        let mut p = if radial > 0.5 { (target - decentering) / radial } else { target };
+        let mut settled = false;
         for _ in 0..MAX_STEPS {
-            let jacobian = distortion.jacobian(&p);
-            // Past the turning point of the radial curve there is another, false, solution.
-            if jacobian.determinant() <= 0.0 || jacobian.trace() <= 0.0 {
-                return Err(fail);
-            }
-            let j = jacobian.try_inverse().ok_or(fail)?;
-            let step = j * (distortion.apply(&p) - target);
+            let step = inverse_at(&p)? * (distortion.apply(&p) - target);
             p -= step;
-            inverse = Some(j);
-            if step.norm() <= 1e-15 * (1.0 + p.norm()) {
+            settled = step.norm_squared() <= NEARLY_SETTLED * NEARLY_SETTLED;
+            if settled {
                 break;
             }
         }
-        let inverse = inverse.filter(|_| p.norm().is_finite()).ok_or(fail)?;
-        if (distortion.apply(&p) - target).norm() > 1e-12 * (1.0 + target.norm()) {
+        if !settled || !distortion.grows_to(p.norm_squared()) {
             return Err(fail);
         }
+        // The last step in the scalar itself: exact derivatives by the implicit function theorem.
+        let inverse = inverse_at(&p)?;
         let at = p.map(T::constant);
         let off = self.distortion.apply(&at) - distorted;
         let undistorted = Vector2::new(

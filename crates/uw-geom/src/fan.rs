@@ -2,10 +2,11 @@
 
 use crate::error::GeomError;
 use crate::plane::Plane;
-use crate::port::{Port, solve_slope};
+use crate::port::Port;
 use crate::ray::Ray;
-use crate::real::{Real, rotation_about_x, unit, values};
+use crate::real::{Real, norm, rotation_about_x, unit, values};
 use crate::snell::Medium;
+use crate::trace::{Solver, Tracer};
 use nalgebra::{Matrix3, Scalar, Vector3};
 
 /// The galvanometer: its frame (FORMATS §3) in the camera's, and how far the mirror turns per volt.
@@ -114,33 +115,31 @@ impl<T: Real> Sheet<T> {
     /// As [`Port::air_direction`].
     pub fn off_sheet(&self, point_mm: &Vector3<T>) -> Result<T, GeomError> {
         let d = self.port.air_direction(&self.apex_mm, point_mm, self.outside)?;
-        Ok(self.normal.dot(&d) / d.dot(&d).sqrt())
+        Ok(self.normal.dot(&d) / norm(&d))
     }
 
     /// The ray of the sheet that leaves the apex at `angle_rad` within the fan's plane, measured from the direction closest
     /// to the window's normal.
     ///
     /// # Errors
-    /// As [`Port::ray_out`].
+    /// As [`Port::ray_out`]; [`GeomError::NotThroughWindow`] for a fan that lies along the window.
     pub fn ray(&self, angle_rad: f64) -> Result<Ray<T>, GeomError> {
-        let along = self.port.normal - self.normal * self.normal.dot(&self.port.normal);
-        let centre = unit(&along).ok_or(GeomError::NotThroughWindow { cosine: 0.0 })?;
+        let centre = across_trace(&self.port.normal, &self.normal)?;
         let across = self.normal.cross(&centre);
         let (s, c) = angle_rad.sin_cos();
-        self.port.ray_out(&self.apex_mm, &(centre.scale_by(c) + across.scale_by(s)), self.outside)
+        let direction = centre * T::constant(c) + across * T::constant(s);
+        self.port.ray_out(&self.apex_mm, &direction, self.outside)
     }
 
-    /// The point where `ray` meets the sheet, in front of where the ray begins.
+    /// The point where `ray` meets the sheet, in front of where the ray begins and of the window. (A ray that grazes a curved
+    /// sheet may meet it twice: then the meeting nearer the fan's middle.)
     ///
     /// # Errors
-    /// [`GeomError::NoIntersection`] where it meets none, [`GeomError::NotConverged`] for figures that are not numbers.
+    /// [`GeomError::NoIntersection`] where it meets none there; as [`Sheet::ray`] for a sheet that has no light.
     pub fn intersect(&self, ray: &Ray<T>) -> Result<Vector3<T>, GeomError> {
-        let sheet = self.value();
+        let tracer = Tracer::new(self)?;
         let fixed = Ray { origin: values(&ray.origin), direction: values(&ray.direction) };
-        let (distance, slope) = sheet.distance_along(&fixed)?;
-        let at = ray.at(T::constant(distance));
-        let d = self.port.air_direction(&self.apex_mm, &at, self.outside)?;
-        Ok(at - ray.direction * self.normal.dot(&d).scale(1.0 / slope))
+        Ok(tracer.meet(ray, &Solver::new(&tracer.value()).solve(&fixed)?))
     }
 
     /// The sheet without derivatives.
@@ -154,103 +153,28 @@ impl<T: Real> Sheet<T> {
     }
 }
 
-trait ScaleBy<T> {
-    fn scale_by(&self, factor: f64) -> Self;
+/// The unit vector along the part of `v` that is perpendicular to the unit vector `axis`.
+///
+/// # Errors
+/// [`GeomError::NotThroughWindow`] when the two are parallel to rounding: a fan that lies along its window.
+pub(crate) fn across_trace<T: Real>(v: &Vector3<T>, axis: &Vector3<T>) -> Result<Vector3<T>, GeomError> {
+    let part = v - axis * axis.dot(v);
+    unit(&part).filter(|_| norm(&part).value() > PARALLEL).ok_or(GeomError::NotThroughWindow { cosine: 0.0 })
 }
 
-impl<T: Real> ScaleBy<T> for Vector3<T> {
-    fn scale_by(&self, factor: f64) -> Self {
-        self.map(|x| x.scale(factor))
-    }
-}
-
-/// Steps after which the search along a ray is given up.
-const MAX_STEPS: u32 = 40;
-/// A step along the ray below which the next is below rounding, as a fraction of the distance.
-const SETTLED: f64 = 1e-8;
+/// Sine below which two unit vectors count as parallel: what remains is rounding.
+const PARALLEL: f64 = 1e-9;
 
 impl Sheet<f64> {
     /// The plane that best stands for the sheet near its middle: through the exit point of the ray closest to the window's
     /// normal, along the refracted ray and along the fan's trace on the window. Exact when the fan meets the window squarely;
-    /// otherwise millimetres off in the field of view. The start of [`Sheet::intersect`] and the paper's sheet (Eq 9).
+    /// otherwise millimetres off in the field of view. The paper's sheet (Eq 9).
     ///
     /// # Errors
-    /// As [`Port::ray_out`].
+    /// As [`Sheet::ray`].
     pub fn middle_plane(&self) -> Result<Plane, GeomError> {
         let ray = self.ray(0.0)?;
         let trace = self.normal.cross(&self.port.normal);
-        let normal = match unit(&trace) {
-            Some(trace) => trace.cross(&ray.direction),
-            None => return Err(GeomError::NotThroughWindow { cosine: 0.0 }),
-        };
-        Plane::through(&ray.origin, &normal)
-    }
-
-    /// Distance along the ray to the sheet, mm, and there the slope of `normal · air direction` along the ray.
-    pub(crate) fn distance_along(&self, ray: &Ray) -> Result<(f64, f64), GeomError> {
-        let plane = self.middle_plane()?;
-        let mut t = plane.distance_along(ray).unwrap_or(0.0).max(0.0);
-        let p = &self.port;
-        let from_apex = ray.origin - self.apex_mm;
-        let (height0, rise) = (from_apex.dot(&p.normal), ray.direction.dot(&p.normal));
-        let (side0, side_rise) = (from_apex - p.normal * height0, ray.direction - p.normal * rise);
-        let (across0, across_lateral, across_rise) =
-            (self.normal.dot(&p.normal), self.normal.dot(&side0), self.normal.dot(&side_rise));
-        // The parts of the lateral distance squared: constant, linear, quadratic in t.
-        let squares = (side0.dot(&side0), side0.dot(&side_rise), side_rise.dot(&side_rise));
-        let (glass, water) = (p.glass.index, self.outside.index);
-        // A ray may begin (camera's window) behind the laser's window: no light is found before its outer face.
-        let first_outside = (p.distance_mm + p.thickness_mm - height0) / rise;
-        let nearest = if rise > 0.0 && first_outside > 0.0 { first_outside } else { 0.0 };
-        for step in 0..MAX_STEPS {
-            let depth = height0 + rise * t - p.distance_mm - p.thickness_mm;
-            if depth <= 0.0 {
-                if t <= nearest || rise <= 0.0 {
-                    return Err(GeomError::NoIntersection);
-                }
-                t = 0.5 * (t + nearest) + 1.0;
-                continue;
-            }
-            let r_squared = squares.0 + t * (2.0 * squares.1 + t * squares.2);
-            let layers = [(p.thickness_mm, glass), (depth, water)];
-            let (s, slope_s) = solve_slope(p.distance_mm, &layers, r_squared, None)?;
-            let across = across_lateral + across_rise * t;
-            let value = across0 + across * s;
-            // ds/dt by the implicit function theorem on s (h₀ + Σ hᵢ aᵢ) = 1, aᵢ = (nᵢ² + (nᵢ² − 1) r² s²)^(−1/2).
-            let (mut by_r, mut by_depth) = (0.0, 0.0);
-            for (i, (h, n)) in layers.into_iter().enumerate() {
-                let a = 1.0 / (n * n + (n * n - 1.0) * r_squared * s * s).sqrt();
-                by_r -= 0.5 * h * (n * n - 1.0) * s * s * s * a * a * a;
-                if i == 1 {
-                    by_depth = s * a;
-                }
-            }
-            let ds = -(by_depth * rise + by_r * 2.0 * (squares.1 + t * squares.2)) / slope_s;
-            let slope = across_rise * s + across * ds;
-            let change = value / slope;
-            if !change.is_finite() {
-                return Err(GeomError::NoIntersection);
-            }
-            // The sheet is nearly a plane: a step that would leave the space in front goes half way back instead.
-            let next = t - change;
-            if next <= nearest {
-                if t - nearest < 1e-6 {
-                    return Err(GeomError::NoIntersection);
-                }
-                t = 0.5 * (t + nearest);
-                continue;
-            }
-            t = next;
-            if change.abs() <= SETTLED * t {
-                return Ok((t, slope));
-            }
-            if t > 1e9 {
-                return Err(GeomError::NoIntersection);
-            }
-            if step + 1 == MAX_STEPS {
-                break;
-            }
-        }
-        Err(GeomError::NotConverged { what: "the meeting of ray and sheet", iterations: MAX_STEPS })
+        Plane::through(&ray.origin, &trace.cross(&ray.direction))
     }
 }

@@ -66,6 +66,11 @@ impl<A, B> Rigid<A, B> {
         Rigid { isometry: self.isometry.inverse(), frames: PhantomData }
     }
 
+    /// The same transform without its frames, for code that knows none.
+    pub fn isometry(&self) -> Isometry3<f64> {
+        self.isometry
+    }
+
     /// The rotation's part.
     pub fn rotation(&self) -> UnitQuaternion<f64> {
         self.isometry.rotation

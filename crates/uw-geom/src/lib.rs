@@ -7,6 +7,7 @@
 pub mod approx;
 mod camera;
 mod error;
+mod exposure;
 mod fan;
 pub mod frame;
 mod plane;
@@ -15,10 +16,12 @@ mod ray;
 mod real;
 mod scanner;
 mod snell;
+mod trace;
 pub mod water;
 
 pub use camera::{Camera, Distortion};
 pub use error::GeomError;
+pub use exposure::Exposure;
 pub use fan::{Fan, Galvo, Sheet};
 pub use frame::Rigid;
 pub use plane::Plane;

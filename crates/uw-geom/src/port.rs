@@ -2,8 +2,8 @@
 
 use crate::error::GeomError;
 use crate::ray::Ray;
-use crate::real::{Real, unit};
-use crate::snell::{Medium, refract};
+use crate::real::{Real, lift, unit};
+use crate::snell::Medium;
 use nalgebra::{Scalar, Vector3};
 
 /// A flat glass window between air inside and a medium outside. All its lengths are along its normal, from the centre of
@@ -20,8 +20,13 @@ pub struct Port<T: Scalar = f64> {
     pub glass: Medium<T>,
 }
 
-/// Newton steps after which forward projection is given up; three suffice within 20°, eight at 85°.
+/// Newton steps after which forward projection is given up; four suffice within 20°, ten at 89°.
 const MAX_STEPS: u32 = 50;
+/// A step of forward projection, relative, behind which the last one (made in the scalar itself) ends below rounding:
+/// Newton doubles the digits each time.
+const NEARLY_SETTLED: f64 = 1e-5;
+/// Most that the second term of the start may add to the first.
+const LONGEST_START: f64 = 0.1;
 
 impl Port<f64> {
     /// A window with checked figures.
@@ -35,8 +40,9 @@ impl Port<f64> {
         glass: Medium,
     ) -> Result<Self, GeomError> {
         let invalid = |what, needed, got| Err(GeomError::Invalid { what, needed, got });
-        if (normal.norm() - 1.0).abs() > 1e-9 || !normal.norm().is_finite() {
-            return invalid("a window's normal", "of length 1", normal.norm());
+        let length = normal.norm();
+        if length.is_nan() || (length - 1.0).abs() > 1e-9 {
+            return invalid("a window's normal", "of length 1", length);
         }
         if !(distance_mm >= 0.0 && distance_mm.is_finite()) {
             return invalid("a window's distance", "0 mm or more", distance_mm);
@@ -48,6 +54,16 @@ impl Port<f64> {
             return invalid("a window's index", "1 or more", glass.index);
         }
         Ok(Self { normal, distance_mm, thickness_mm, glass })
+    }
+
+    /// The same window as constants of another scalar.
+    pub fn lift<S: Real>(&self) -> Port<S> {
+        Port {
+            normal: lift(&self.normal),
+            distance_mm: S::constant(self.distance_mm),
+            thickness_mm: S::constant(self.thickness_mm),
+            glass: Medium::of_index(S::constant(self.glass.index)),
+        }
     }
 }
 
@@ -67,24 +83,47 @@ impl<T: Real> Port<T> {
         }
     }
 
-    /// The ray outside that leaves `centre` with direction `air_direction` (any length): traced through both faces by
-    /// Snell's law in vector form; its origin lies on the outer face.
+    /// The ray outside that leaves `centre` with direction `air_direction` (any length), exact through both faces; its
+    /// origin lies on the outer face.
+    ///
+    /// Snell's law in vector form for parallel faces: the part σ of n·direction that lies in the faces is the same in every
+    /// layer, |σ| = sin α being that of the unit direction in air. So the ray leaves along
+    /// (σ + √(n² − sin²α) normal) / n, having moved sideways by σ (h / cos α + t / √(n_g² − sin²α)).
     ///
     /// # Errors
-    /// As [`refract`].
+    /// [`GeomError::NotThroughWindow`], [`GeomError::TotalReflection`]; [`GeomError::Invalid`] for a window behind the centre.
     pub fn ray_out(
         &self,
         centre: &Vector3<T>,
         air_direction: &Vector3<T>,
         outside: Medium<T>,
     ) -> Result<Ray<T>, GeomError> {
+        self.is_ahead()?;
         let in_air = unit(air_direction).ok_or(GeomError::NotThroughWindow { cosine: f64::NAN })?;
-        let in_glass = refract(&in_air, &self.normal, Medium::air(), self.glass)?;
-        let direction = refract(&in_glass, &self.normal, self.glass, outside)?;
-        let origin = centre
-            + in_air * (self.distance_mm / in_air.dot(&self.normal))
-            + in_glass * (self.thickness_mm / in_glass.dot(&self.normal));
-        Ok(Ray { origin, direction })
+        let cosine = in_air.dot(&self.normal);
+        if cosine.value().is_nan() || cosine.value() <= 0.0 {
+            return Err(GeomError::NotThroughWindow { cosine: cosine.value() });
+        }
+        let along_faces = in_air - self.normal * cosine;
+        // n² − sin²α, without a difference of numbers near 1 at grazing incidence.
+        let beyond_sine = |to: Medium<T>| to.index * to.index - T::constant(1.0) + cosine * cosine;
+        let reflected = |from: f64, to: Medium<T>| GeomError::TotalReflection {
+            from_index: from,
+            to_index: to.index.value(),
+            incidence_deg: (norm_value(&along_faces) / from).min(1.0).asin().to_degrees(),
+        };
+        let (in_glass, outdoors) = (beyond_sine(self.glass), beyond_sine(outside));
+        if in_glass.value().is_nan() || in_glass.value() <= 0.0 {
+            return Err(reflected(1.0, self.glass));
+        }
+        if outdoors.value().is_nan() || outdoors.value() <= 0.0 {
+            return Err(reflected(self.glass.index.value(), outside));
+        }
+        let sideways = self.distance_mm / cosine + self.thickness_mm / in_glass.sqrt();
+        Ok(Ray {
+            origin: centre + self.normal * (self.distance_mm + self.thickness_mm) + along_faces * sideways,
+            direction: (along_faces + self.normal * outdoors.sqrt()) / outside.index,
+        })
     }
 
     /// The direction in air (not of length 1: its part along the normal is 1) in which light leaves `centre` to reach
@@ -92,17 +131,19 @@ impl<T: Real> Port<T> {
     ///
     /// With q the tangent of the air angle, r the lateral distance, layers of depth hᵢ and index nᵢ:
     /// h₀q + Σ hᵢ q/√(nᵢ² + (nᵢ² − 1) q²) = r. Solved for s = q/r, which stays smooth on the normal itself: increasing and
-    /// concave in s, so Newton from 1/(h₀ + Σ hᵢ/nᵢ) climbs monotonically.
+    /// concave in s, so Newton climbs monotonically to the root from its left, and lands there from a start right of it.
     ///
     /// # Errors
-    /// [`GeomError::BehindWindow`] for a point that is not outside, [`GeomError::NotConverged`] for figures that are not
-    /// numbers.
+    /// [`GeomError::BehindWindow`] for a point that is not outside; [`GeomError::TotalReflection`] for one so far to the side
+    /// that no light from a centre ON the window reaches it; [`GeomError::NotConverged`] for figures that are not numbers;
+    /// [`GeomError::Invalid`] for a window behind the centre.
     pub fn air_direction(
         &self,
         centre: &Vector3<T>,
         point: &Vector3<T>,
         outside: Medium<T>,
     ) -> Result<Vector3<T>, GeomError> {
+        self.is_ahead()?;
         let to_point = point - centre;
         let height = to_point.dot(&self.normal);
         let lateral = to_point - self.normal * height;
@@ -111,56 +152,106 @@ impl<T: Real> Port<T> {
             return Err(GeomError::BehindWindow { behind_mm: -depth.value() });
         }
         let squared = lateral.dot(&lateral);
-        let layers = [(self.thickness_mm, self.glass.index), (depth, outside.index)];
-        let fixed = layers.map(|(h, n)| (h.value(), n.value()));
-        let (slope_in_air, rise) = solve_slope(self.distance_mm.value(), &fixed, squared.value(), None)?;
-        // One step in the scalar: exact derivatives by the implicit function theorem.
-        let s = T::constant(slope_in_air);
-        let mut sum = self.distance_mm;
-        for (h, n) in layers {
-            let nn = n * n;
-            sum += h / (nn + (nn - T::constant(1.0)) * squared.scale(slope_in_air * slope_in_air)).sqrt();
+        let layers = [Layer::new(self.thickness_mm, self.glass), Layer::new(depth, outside)];
+        let start = solve_slope(self.distance_mm.value(), &layers.map(Layer::value), squared.value())?;
+        // The last step in the scalar: exact derivatives by the implicit function theorem.
+        let scaled = squared.scale(start * start);
+        let (mut sum, mut rise) = (self.distance_mm, self.distance_mm.value());
+        for layer in layers {
+            let w = layer.squared_index + layer.excess * scaled;
+            let part = layer.depth / w.sqrt();
+            sum += part;
+            rise += part.value() * layer.squared_index.value() / w.value();
         }
-        let excess = sum.scale(slope_in_air) - T::constant(1.0);
-        Ok(self.normal + lateral * (s - excess.scale(1.0 / rise)))
+        let excess = sum.scale(start) - T::constant(1.0);
+        Ok(self.normal + lateral * (T::constant(start) - excess.scale(1.0 / rise)))
+    }
+
+    /// A centre behind the inner face: anything else has no meaning for what this type computes.
+    fn is_ahead(&self) -> Result<(), GeomError> {
+        let distance = self.distance_mm.value();
+        if distance >= 0.0 {
+            return Ok(());
+        }
+        Err(GeomError::Invalid { what: "a window's distance", needed: "0 mm or more", got: distance })
     }
 }
 
-/// The root s of the forward projection's equation and the equation's slope there; `start` may be any value at or left of
-/// the root.
-pub(crate) fn solve_slope(
-    air_mm: f64,
-    layers: &[(f64, f64); 2],
-    r_squared: f64,
-    start: Option<f64>,
-) -> Result<(f64, f64), GeomError> {
-    let paraxial = || 1.0 / (air_mm + layers.iter().map(|(h, n)| h / n).sum::<f64>());
-    let mut s = start.unwrap_or_else(paraxial);
+fn norm_value<T: Real>(v: &Vector3<T>) -> f64 {
+    v.map(T::value).norm()
+}
+
+/// A layer of a medium behind the air: its depth, n² and n² − 1.
+#[derive(Clone, Copy)]
+struct Layer<T> {
+    depth: T,
+    squared_index: T,
+    excess: T,
+}
+
+impl<T: Real> Layer<T> {
+    fn new(depth: T, medium: Medium<T>) -> Self {
+        let squared_index = medium.index * medium.index;
+        Self { depth, squared_index, excess: squared_index - T::constant(1.0) }
+    }
+
+    fn value(self) -> Layer<f64> {
+        Layer {
+            depth: self.depth.value(),
+            squared_index: self.squared_index.value(),
+            excess: self.excess.value(),
+        }
+    }
+}
+
+/// The root s of the forward projection's equation, a step short of rounding.
+fn solve_slope(air_mm: f64, layers: &[Layer<f64>; 2], r_squared: f64) -> Result<f64, GeomError> {
+    // With the centre on the window itself, light reaches no farther than the critical angle.
+    if air_mm <= 0.0 {
+        let deep = layers.iter().filter(|l| l.depth > 0.0);
+        let farthest: f64 = deep.map(|l| l.depth / l.excess.max(0.0).sqrt()).sum();
+        let distance = r_squared.sqrt();
+        if distance >= farthest {
+            let [glass, outside] = layers.map(|l| l.squared_index.sqrt());
+            let incidence_deg = (distance / layers[1].depth).atan().to_degrees();
+            return Err(GeomError::TotalReflection {
+                from_index: outside,
+                to_index: glass.min(1.0),
+                incidence_deg,
+            });
+        }
+    }
+    // The paraxial root and the next term of its series in r², cut off where that stops being a good start.
+    let (mut sum, mut cubic) = (air_mm, 0.0);
+    for layer in layers {
+        let inverse = 1.0 / layer.squared_index;
+        let part = layer.depth * inverse.sqrt();
+        sum += part;
+        cubic += 0.5 * part * layer.excess * inverse;
+    }
+    let paraxial = 1.0 / sum;
+    let mut s = paraxial + paraxial * (cubic * r_squared * paraxial * paraxial * paraxial).min(LONGEST_START);
     for step in 0..MAX_STEPS {
-        let (excess, rise) = lateral_excess(s, air_mm, layers, r_squared);
-        let change = excess / rise;
-        s -= change;
+        let (mut sum, mut rise) = (air_mm, air_mm);
+        for layer in layers {
+            let inverse = 1.0 / (layer.squared_index + layer.excess * r_squared * s * s);
+            let part = layer.depth * inverse.sqrt();
+            sum += part;
+            rise += part * layer.squared_index * inverse;
+        }
+        let change = (1.0 - s * sum) / rise;
+        s += change;
+        if s < paraxial {
+            s = paraxial;
+        }
         if !s.is_finite() {
             return Err(GeomError::NotConverged { what: PROJECTION, iterations: step });
         }
-        // Newton doubles the digits at each step: behind this one, what remains is below rounding.
-        if change.abs() <= 1e-9 * s.abs() {
-            return Ok((s, rise));
+        if change.abs() <= NEARLY_SETTLED * s {
+            return Ok(s);
         }
     }
     Err(GeomError::NotConverged { what: PROJECTION, iterations: MAX_STEPS })
 }
 
 const PROJECTION: &str = "forward projection through a window";
-
-/// The forward projection's equation, divided by r, at s = q/r: its value and its derivative to s.
-fn lateral_excess(s: f64, air_mm: f64, layers: &[(f64, f64); 2], r_squared: f64) -> (f64, f64) {
-    let (mut sum, mut rise) = (air_mm, air_mm);
-    for &(h, n) in layers {
-        let w = n * n + (n * n - 1.0) * r_squared * s * s;
-        let inverse = h / w.sqrt();
-        sum += inverse;
-        rise += inverse * n * n / w;
-    }
-    (s * sum - 1.0, rise)
-}

@@ -231,7 +231,7 @@ pub fn norm<T: Real>(v: &Vector3<T>) -> T {
 /// The vector scaled to length 1; `None` where its length is zero or not finite.
 pub fn unit<T: Real>(v: &Vector3<T>) -> Option<Vector3<T>> {
     let n = norm(v);
-    (n.value() > 0.0 && n.value().is_finite()).then(|| v / n)
+    (n.value() > 0.0 && n.value().is_finite()).then(|| v * (T::constant(1.0) / n))
 }
 
 /// Rotation by `angle` radians about the frame's x axis (right-hand rule).

@@ -6,7 +6,7 @@ use crate::fan::{Fan, Galvo, Sheet};
 use crate::frame::{self, Rigid};
 use crate::port::Port;
 use crate::ray::Ray;
-use crate::real::{Dual, Real, lift};
+use crate::real::{Real, lift, unit};
 use crate::snell::Medium;
 use nalgebra::{Matrix3, Scalar, Vector2, Vector3};
 
@@ -155,16 +155,7 @@ impl Scanner<f64> {
         voltage: f64,
         outside: Medium,
     ) -> Result<Triangulated, GeomError> {
-        let scanner = self.lift::<Dual<3>>();
-        let uv = Vector2::new(Dual::variable(pixel.x, 0), Dual::variable(pixel.y, 1));
-        let medium = Medium::of_index(Dual::constant(outside.index));
-        let p = scanner.triangulate(&uv, Dual::variable(voltage, 2), medium)?;
-        Ok(Triangulated {
-            point_mm: p.map(|x| x.re),
-            per_u: p.map(|x| x.eps[0]),
-            per_v: p.map(|x| x.eps[1]),
-            per_volt: p.map(|x| x.eps[2]),
-        })
+        self.exposure(voltage, outside)?.triangulate_with_derivatives(pixel)
     }
 
     /// `camera_from_galvo`: points of the galvanometer frame in the camera frame.
@@ -185,12 +176,20 @@ pub fn galvo_frame(
     plane_normal: &Vector3<f64>,
     outwards: &Vector3<f64>,
 ) -> Result<(Vector3<f64>, Matrix3<f64>), GeomError> {
-    let invalid = |what, got| GeomError::Invalid { what, needed: "longer than 0", got };
-    let x = axis.try_normalize(0.0).ok_or_else(|| invalid("the galvanometer's axis", axis.norm()))?;
-    let across = x.cross(plane_normal);
-    let z = across
-        .try_normalize(1e-6 * plane_normal.norm())
-        .ok_or_else(|| invalid("the laser plane's direction across the axis", across.norm()))?;
+    let invalid = |what, needed, got| GeomError::Invalid { what, needed, got };
+    let x = unit(axis).ok_or_else(|| invalid("the galvanometer's axis", LONG, axis.norm()))?;
+    let across = unit(plane_normal).map_or(Vector3::repeat(f64::NAN), |n| x.cross(&n));
+    let z = unit(&across)
+        .filter(|_| across.norm() > ALONG_AXIS)
+        .ok_or_else(|| invalid("the laser plane's direction across the axis", LONG, across.norm()))?;
     let z = if z.dot(outwards) < 0.0 { -z } else { z };
-    Ok((axis_point_mm - x * x.dot(axis_point_mm), Matrix3::from_columns(&[x, z.cross(&x), z])))
+    let origin = axis_point_mm - x * x.dot(axis_point_mm);
+    if !origin.norm().is_finite() {
+        return Err(invalid("a point of the galvanometer's axis", "finite", origin.norm()));
+    }
+    Ok((origin, Matrix3::from_columns(&[x, z.cross(&x), z])))
 }
+
+const LONG: &str = "finite and longer than 0";
+/// Sine of the angle between axis and plane normal below which the plane has no direction across the axis.
+const ALONG_AXIS: f64 = 1e-6;
