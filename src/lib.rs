@@ -1,1 +1,15 @@
 //! Underwater laser-line scanning: calibration, exact refraction, point clouds and measurements.
+//!
+//! This crate is the pipeline on top of the crates that do the work, and the facade that the command line and Python share.
+//! [`calibrate`](pipeline::calibrate::calibrate) turns recorded calibrations into a [`uw_calib::Calibration`],
+//! [`reconstruct`](pipeline::reconstruct::reconstruct) a recorded sweep into a [`uw_cloud::PointCloud`].
+
+mod error;
+pub mod pipeline;
+
+pub use error::Error;
+pub use uw_calib as calib;
+pub use uw_cloud as cloud;
+pub use uw_geom as geom;
+pub use uw_io as io;
+pub use uw_stripe as stripe;

@@ -12,7 +12,6 @@ use crate::lm::Loss;
 use crate::sight::Pose;
 use crate::start;
 use nalgebra::{DMatrix, Vector2};
-use uw_geom::Camera;
 
 /// Threshold of the robust loss of the first solves, sigmas.
 const HUBER_SIGMAS: f64 = 2.0;
@@ -30,18 +29,12 @@ const EDGE_BLUR_PX: f64 = 1.0;
 /// Rounds of solving and sorting out; the sets of outliers settle in two.
 const ROUNDS: usize = 3;
 
-/// The joint calibration of all observations; `camera` is Zhang's closed form where it has one (in air), else the rig file's
-/// figures are the start.
+/// The joint calibration of all observations.
 ///
 /// # Errors
 /// [`CalibError`] with what to capture, for sets that determine no calibration.
-pub fn calibrate(
-    observations: &Observations,
-    rig: &Rig,
-    camera: Option<Camera>,
-) -> Result<Calibration, CalibError> {
-    let camera = camera.unwrap_or_else(|| start::drawn_camera(rig));
-    let mut state = start::start(observations, rig, camera)?;
+pub fn calibrate(observations: &Observations, rig: &Rig) -> Result<Calibration, CalibError> {
+    let mut state = start::start(observations, rig)?;
     diagnostics::refuse(&state)?;
 
     let mut used = Used::all(&observations.views);

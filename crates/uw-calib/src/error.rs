@@ -51,6 +51,9 @@ pub enum CalibError {
         /// As the rig file has it.
         expected_deg_per_v: f64,
     },
+    /// The rig file describes no instrument.
+    #[error("the rig file describes no instrument: {0}")]
+    Rig(#[from] uw_geom::GeomError),
     /// The adjustment has no solution.
     #[error("the adjustment has no solution: {0}")]
     Adjustment(#[from] LmError),

@@ -85,6 +85,10 @@ impl Joint<'_> {
         }
     }
 
+    fn dispersion_sigma(&self) -> f64 {
+        priors::dispersion_sigma(&self.observations.views)
+    }
+
     fn pieces(&self) -> Vec<Piece> {
         let views = self.observations.views.iter().enumerate();
         views
@@ -179,7 +183,8 @@ impl Model for Joint<'_> {
                 Some(())
             }
             Piece::Priors => {
-                for row in priors::residuals(&state.instrument.variables::<GLOBALS, GLOBALS>(), self.rig) {
+                let variables = state.instrument.variables::<GLOBALS, GLOBALS>();
+                for row in priors::residuals(&variables, self.rig, self.dispersion_sigma()) {
                     let row =
                         Row { residual: row.re, d_globals: &row.eps[..self.globals()], d_pose: [0.0; 6] };
                     normal.add(&[row], None, Loss::Squared);
@@ -220,7 +225,8 @@ impl Model for Joint<'_> {
                     Some(sum)
                 }
                 Piece::Priors => {
-                    Some(priors::residuals(&state.instrument, self.rig).iter().map(|r| r * r).sum())
+                    let rows = priors::residuals(&state.instrument, self.rig, self.dispersion_sigma());
+                    Some(rows.iter().map(|r| r * r).sum())
                 }
             })
             .collect();

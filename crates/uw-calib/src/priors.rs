@@ -1,6 +1,6 @@
 //! What is known beforehand, as residuals: (value − drawing) / sigma.
 
-use crate::data::Rig;
+use crate::data::{BoardView, Outside, Rig};
 use crate::parameters::{Instrument, square_to};
 use uw_geom::{Port, Real, lift};
 
@@ -13,9 +13,20 @@ pub(crate) const UNKNOWN_APEX_MM: f64 = 90.0;
 /// Standard deviation of the difference of water's index between two wavelengths: Quan and Fry's formula is good to a few
 /// 1e-5, and the board's light is not monochromatic.
 const DISPERSION_SIGMA: f64 = 1e-4;
+/// The same where the captures say that one index serves both: as good as fixed.
+const ONE_INDEX_SIGMA: f64 = 1e-10;
+
+/// Standard deviation of how much the index at the board's light differs from its nominal value, beyond the laser's.
+pub(crate) fn dispersion_sigma(views: &[BoardView]) -> f64 {
+    let one = |v: &BoardView| match v.outside {
+        Outside::Air => true,
+        Outside::Water { laser_index, board_index } => (laser_index - board_index).abs() <= ONE_INDEX_SIGMA,
+    };
+    if views.iter().all(one) { ONE_INDEX_SIGMA } else { DISPERSION_SIGMA }
+}
 
 /// The priors' whitened residuals.
-pub(crate) fn residuals<T: Real>(instrument: &Instrument<T>, rig: &Rig) -> Vec<T> {
+pub(crate) fn residuals<T: Real>(instrument: &Instrument<T>, rig: &Rig, dispersion_sigma: f64) -> Vec<T> {
     let p = &rig.priors;
     let s = &instrument.scanner;
     let mut rows = Vec::with_capacity(24);
@@ -30,7 +41,7 @@ pub(crate) fn residuals<T: Real>(instrument: &Instrument<T>, rig: &Rig) -> Vec<T
         window(port, drawn, distance_sigma, p.thickness_mm, p.glass_index, p.normal_deg, &mut say);
     }
     say(instrument.water_offset, 0.0, p.water_index);
-    say(instrument.dispersion_offset, 0.0, DISPERSION_SIGMA);
+    say(instrument.dispersion_offset, 0.0, dispersion_sigma);
     say(s.camera.distortion.k2, 0.0, HIGH_DISTORTION_SIGMA);
     say(s.camera.distortion.k3, 0.0, HIGH_DISTORTION_SIGMA);
     let f = &s.fan;

@@ -8,6 +8,7 @@ use crate::parameters::Instrument;
 use crate::priors::UNKNOWN_APEX_MM;
 use crate::sheets::{VoltagePlane, axis_of, robust_plane};
 use crate::sight::Pose;
+use crate::zhang::closed_form;
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use std::f64::consts::FRAC_PI_4;
 use uw_geom::frame::{Board, Camera as CameraFrame};
@@ -19,7 +20,7 @@ const GAIN_FACTOR: f64 = 1.5;
 const POINTS_A_STRIPE: usize = 60;
 
 /// The camera of the rig file: its focal length, the image's middle, no distortion.
-pub(crate) fn drawn_camera(rig: &Rig) -> Camera {
+fn drawn_camera(rig: &Rig) -> Camera {
     let [width, height] = rig.image_size.map(f64::from);
     Camera {
         fx: rig.focal_px[0],
@@ -30,9 +31,22 @@ pub(crate) fn drawn_camera(rig: &Rig) -> Camera {
     }
 }
 
-/// The whole state from a camera that is about right.
-pub(crate) fn start(observations: &Observations, rig: &Rig, camera: Camera) -> Result<State, CalibError> {
-    let mut instrument = Instrument {
+/// How far Zhang's focal lengths may lie from the rig file's to be believed, as a factor.
+const FOCAL_FACTOR: f64 = 1.5;
+
+/// Zhang's closed form from the views in air, where it has a solution near the drawing; else the drawing's camera. The glass
+/// in the path shifts the viewpoint by millimetres, which a start value stands.
+pub(crate) fn zhang_camera(observations: &Observations, rig: &Rig) -> Camera {
+    let in_air: Vec<_> = observations.views.iter().filter(|v| v.outside == Outside::Air).cloned().collect();
+    let near = |got: f64, drawn: f64| (1.0 / FOCAL_FACTOR..=FOCAL_FACTOR).contains(&(got / drawn));
+    closed_form(&in_air, rig.image_size)
+        .filter(|c| near(c.fx, rig.focal_px[0]) && near(c.fy, rig.focal_px[1]))
+        .unwrap_or_else(|| drawn_camera(rig))
+}
+
+/// The instrument of the rig file around a camera; its galvanometer stands at the origin.
+pub(crate) fn drawn_instrument(rig: &Rig, camera: Camera) -> Instrument {
+    Instrument {
         scanner: Scanner {
             camera,
             camera_port: rig.camera_port,
@@ -54,7 +68,12 @@ pub(crate) fn start(observations: &Observations, rig: &Rig, camera: Camera) -> R
         },
         water_offset: 0.0,
         dispersion_offset: 0.0,
-    };
+    }
+}
+
+/// The whole state: camera, poses, galvanometer.
+pub(crate) fn start(observations: &Observations, rig: &Rig) -> Result<State, CalibError> {
+    let mut instrument = drawn_instrument(rig, zhang_camera(observations, rig));
     let poses = poses(observations, &instrument)?;
     let planes = planes(observations, rig, &instrument, &poses);
     instrument.scanner.galvo = galvo(rig, &planes)?;
@@ -121,7 +140,8 @@ fn planes(
     in_water.into_iter().filter_map(|p| p.taken_to_air(&rig.camera_port, Medium::of_index(index))).collect()
 }
 
-fn planes_in(
+/// The laser's planes of the views that take part, one a voltage.
+pub(crate) fn planes_in(
     observations: &Observations,
     instrument: &Instrument,
     poses: &[Rigid<CameraFrame, Board>],

@@ -21,8 +21,7 @@ fn every_predicted_sigma_is_true() {
     let mut normalised: Vec<(&str, Vec<f64>)> = Vec::new();
     for seed in 0..trials {
         let world = world(&Plan::default(), seed as u64);
-        let found =
-            calibrate(&world.observations, &world.rig, None).unwrap_or_else(|e| panic!("seed {seed}: {e}"));
+        let found = calibrate(&world.observations, &world.rig).unwrap_or_else(|e| panic!("seed {seed}: {e}"));
         let truth = quantities(&world.truth, &DMatrix::zeros(34, 34));
         for (k, (Quantity { name, value, sigma }, truth)) in
             std::iter::zip(found.quantities(), truth).enumerate()

@@ -3,7 +3,7 @@ use uw_calib::{CalibError, calibrate};
 
 fn outcome(plan: &Plan) -> Result<uw_calib::Calibration, CalibError> {
     let world = world(plan, 7);
-    calibrate(&world.observations, &world.rig, None)
+    calibrate(&world.observations, &world.rig)
 }
 
 #[test]

@@ -16,8 +16,9 @@ use uw_geom::{Camera, Distortion, Fan, Galvo, Medium, Port, Rigid, Scanner, galv
 pub const CORNER_SIGMA_PX: f64 = 0.05;
 /// Standard deviation of the stripes, px.
 pub const STRIPE_SIGMA_PX: f64 = 0.1;
-/// Nominal index of the water.
+/// Nominal index of the water at the laser's wavelength, and at the board's light.
 pub const NOMINAL: f64 = 1.335;
+const NOMINAL_BOARD: f64 = 1.3345;
 const IMAGE: [u32; 2] = [768, 576];
 const COLUMNS: usize = 11;
 const ROWS: usize = 8;
@@ -151,7 +152,7 @@ pub fn world(plan: &Plan, seed: u64) -> World {
         let (outside, square_mm) = if k < plan.air_poses {
             (Outside::Air, 24.0)
         } else {
-            (Outside::Water { laser_index: NOMINAL, board_index: NOMINAL }, 18.0)
+            (Outside::Water { laser_index: NOMINAL, board_index: NOMINAL_BOARD }, 18.0)
         };
         views.push(place(&truth, outside, square_mm, plan, k, &mut dice));
     }

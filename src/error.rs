@@ -1,0 +1,94 @@
+use std::path::PathBuf;
+use uw_calib::CalibError;
+use uw_stripe::StripeError;
+
+/// Why a stage of the pipeline has no result.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A file can't be read or written, or does not say what it must.
+    #[error(transparent)]
+    File(#[from] uw_io::Error),
+    /// The captures determine no calibration.
+    #[error("calibration: {0}")]
+    Calibration(#[from] CalibError),
+    /// The stripe of an image can't be extracted.
+    #[error("{}: stripe extraction: {source}", path.display())]
+    Stripe {
+        /// The image.
+        path: PathBuf,
+        /// What is wrong.
+        source: StripeError,
+    },
+    /// A capture is not of the kind that a command needs.
+    #[error("{}: this capture is a {got}, a {needed} is needed here", path.display())]
+    Kind {
+        /// The capture.
+        path: PathBuf,
+        /// What is needed.
+        needed: &'static str,
+        /// What it is.
+        got: &'static str,
+    },
+    /// A capture holds no target to calibrate with, or a wrong one.
+    #[error("{}: target: {source}", path.display())]
+    Board {
+        /// The capture.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: uw_calib::BoardError,
+    },
+    /// The declared board is nowhere seen whole.
+    #[error("{}: {reason}", path.display())]
+    BoardNotSeen {
+        /// The capture.
+        path: PathBuf,
+        /// What was seen instead.
+        reason: String,
+    },
+    /// Nothing is known of the instrument.
+    #[error("{}: there is no rig.toml in the capture: give one with --rig FILE", path.display())]
+    NoRig {
+        /// The capture.
+        path: PathBuf,
+    },
+    /// The water's index is not known.
+    #[error(
+        "{}: captured in water, but nothing says its index: give [water] in rig.toml, or --water-index, \
+         or --temperature, --salinity and --depth", path.display()
+    )]
+    NoWaterIndex {
+        /// The capture.
+        path: PathBuf,
+    },
+    /// Captures of different cameras can't be calibrated together.
+    #[error("{}: images of {got:?} px, the other captures have {needed:?}: calibrate one camera at a time", path.display())]
+    ImageSize {
+        /// The capture.
+        path: PathBuf,
+        /// The others' size.
+        needed: [u32; 2],
+        /// Its size.
+        got: [u32; 2],
+    },
+    /// Exact refraction needs what the paper's method does not estimate.
+    #[error(
+        "the calibration was made by the paper's method, which neglects the windows: reconstruct with --refraction paper, \
+         or calibrate with --method joint"
+    )]
+    PaperCalibration,
+    /// No image shows a stripe.
+    #[error("{}: no stripe was found in any of {frames} images with the laser on", path.display())]
+    NoStripe {
+        /// The capture.
+        path: PathBuf,
+        /// Images looked at.
+        frames: usize,
+    },
+    /// All images that a stage needs are lost.
+    #[error("{}: none of its images could be read", path.display())]
+    NothingLeft {
+        /// The capture.
+        path: PathBuf,
+    },
+}

@@ -1,0 +1,197 @@
+//! Captures of a calibration → the calibrated instrument.
+
+use crate::Error;
+use crate::pipeline::Progress;
+use crate::pipeline::boards::{self, Boards, name};
+use crate::pipeline::load::Reading;
+use crate::pipeline::stripes::{direction, extract, extractor};
+use nalgebra::Vector2;
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+use uw_calib::{Across, BoardView, Method, Observations, Outside, Rejected, StripePoint, StripeView};
+use uw_io::calibration_toml::{CalibrationFile, CaptureSource};
+use uw_io::{Capture, FrameRecord, Kind, Medium, Problem, Rig};
+
+/// What to calibrate with.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Rig file that replaces the captures' own.
+    pub rig: Option<PathBuf>,
+    /// How.
+    pub method: Method,
+}
+
+/// A calibration, and what was lost on the way.
+#[derive(Debug)]
+pub struct Calibrated {
+    /// Ready to be written.
+    pub file: CalibrationFile,
+    /// Warnings about the files, and losses.
+    pub problems: Vec<Problem>,
+}
+
+/// The calibration from one or more capture folders, in air, water or both.
+///
+/// # Errors
+/// [`Error`] where a file is wrong, no image shows the declared board, or the captures determine no calibration.
+pub fn calibrate(
+    captures: &[PathBuf],
+    settings: &Settings,
+    progress: &dyn Progress,
+) -> Result<Calibrated, Error> {
+    let captures: Vec<Capture> =
+        captures.iter().map(|path| open(path, settings)).collect::<Result<_, _>>()?;
+    let rig_of = |c: &Capture| c.rig.clone().ok_or_else(|| Error::NoRig { path: c.dir.clone() });
+    let rigs: Vec<Rig> = captures.iter().map(rig_of).collect::<Result<_, _>>()?;
+    let Some(rig) = rigs.first().cloned() else {
+        return Err(uw_calib::CalibError::TooFewPoses { needed: 3, got: 0 }.into());
+    };
+    let size = |r: &Rig| [r.camera.width, r.camera.height];
+    for (capture, other) in std::iter::zip(&captures, &rigs) {
+        if size(other) != size(&rig) {
+            return Err(Error::ImageSize { path: capture.dir.clone(), needed: size(&rig), got: size(other) });
+        }
+    }
+
+    let mut problems = Vec::new();
+    let mut rejected = Vec::new();
+    let mut found: Vec<Boards<'_>> = Vec::new();
+    for (capture, rig) in std::iter::zip(&captures, &rigs) {
+        let target = capture.target.as_ref().ok_or_else(|| wrong_kind(capture))?;
+        let mut boards = boards::find(capture, target, Reading::new(rig), progress)?;
+        problems.append(&mut boards.losses);
+        rejected.append(&mut boards.rejected);
+        found.push(boards);
+    }
+    let samples: Vec<(&Capture, Reading, u8)> =
+        std::iter::zip(&captures, &rigs).map(|(c, r)| (c, Reading::new(r), r.camera.bits)).collect();
+    let across = direction(&samples)?;
+
+    let mut views = Vec::new();
+    for ((capture, rig), boards) in std::iter::zip(std::iter::zip(&captures, &rigs), &found) {
+        let outside = outside(capture, rig)?;
+        let (stripes, lost) = stripes(capture, rig, boards, across, progress)?;
+        problems.extend(lost);
+        let mut by_pose: Vec<BoardView> = boards
+            .seen
+            .values()
+            .map(|seen| BoardView {
+                file: name(capture, seen.frame),
+                outside,
+                square_mm: boards.square_mm,
+                corners: seen.corners.clone(),
+                stripes: Vec::new(),
+            })
+            .collect();
+        let poses: Vec<u32> = boards.seen.keys().copied().collect();
+        for (frame, stripe) in stripes {
+            match frame.pose.and_then(|p| poses.binary_search(&p).ok()) {
+                Some(k) => by_pose[k].stripes.push(stripe),
+                None => {
+                    let reason = "no image of its pose shows the board".to_owned();
+                    rejected.push(Rejected { file: stripe.file, reason });
+                }
+            }
+        }
+        views.extend(by_pose);
+    }
+    let observations = Observations { across, views };
+    progress.begin("adjustment", 1);
+    let known = rig.to_calib().map_err(uw_calib::CalibError::from)?;
+    let mut calibration = match settings.method {
+        Method::Joint => uw_calib::calibrate(&observations, &known)?,
+        Method::Paper => uw_calib::calibrate_by_paper(&observations, &known)?,
+    };
+    progress.step();
+    rejected.append(&mut calibration.statistics.rejected);
+    calibration.statistics.rejected = rejected;
+    let sources = std::iter::zip(&captures, &rigs)
+        .map(|(capture, _)| {
+            Ok(CaptureSource {
+                name: capture.dir.display().to_string(),
+                sha256: capture.content_hash()?,
+                medium: capture.medium,
+            })
+        })
+        .collect::<Result<Vec<_>, uw_io::Error>>()?;
+    for (index, capture) in captures.into_iter().enumerate() {
+        // Warnings of one rig file given for all captures are said once.
+        let told =
+            |p: &Problem| index > 0 && settings.rig.as_deref().is_some_and(|rig| p.error.path() == rig);
+        problems.extend(capture.into_problems().into_iter().filter(|p| !told(p)));
+    }
+    let software = concat!("uwscan ", env!("CARGO_PKG_VERSION")).to_owned();
+    Ok(Calibrated { file: CalibrationFile { calibration, rig, captures: sources, software }, problems })
+}
+
+fn open(path: &Path, settings: &Settings) -> Result<Capture, Error> {
+    let capture = Capture::open_with_rig(path, settings.rig.as_deref())?;
+    if capture.kind == Kind::Calibration { Ok(capture) } else { Err(wrong_kind(&capture)) }
+}
+
+fn wrong_kind(capture: &Capture) -> Error {
+    Error::Kind { path: capture.dir.clone(), needed: "calibration", got: "scan" }
+}
+
+fn outside(capture: &Capture, rig: &Rig) -> Result<Outside, Error> {
+    match capture.medium {
+        Medium::Air => Ok(Outside::Air),
+        Medium::Water => {
+            let unknown = || Error::NoWaterIndex { path: capture.dir.clone() };
+            let laser_index = rig.water_index().ok_or_else(unknown)?;
+            let lit = capture.target.as_ref().and_then(|t| t.wavelength_nm);
+            let board_index = lit.and_then(|nm| rig.water_index_at(nm)).unwrap_or(laser_index);
+            Ok(Outside::Water { laser_index, board_index })
+        }
+    }
+}
+
+type Stripes<'c> = Vec<(&'c FrameRecord, StripeView)>;
+
+/// The stripes of a capture's laser-on images, in the order of capture.
+fn stripes<'c>(
+    capture: &'c Capture,
+    rig: &Rig,
+    boards: &Boards<'_>,
+    across: Across,
+    progress: &dyn Progress,
+) -> Result<(Stripes<'c>, Vec<Problem>), Error> {
+    let reading = Reading::new(rig);
+    let seen = |f: &&FrameRecord| f.pose.is_some_and(|p| boards.seen.contains_key(&p));
+    let frames: Vec<&FrameRecord> = capture.present().filter(|f| f.laser_on).filter(seen).collect();
+    progress.begin("stripes", frames.len());
+    let make = || extractor(across, rig.camera.bits, true);
+    let extracted: Vec<Result<Result<StripeView, uw_io::Error>, Error>> = frames
+        .par_iter()
+        .map_init(make, |extractor, frame| {
+            let path = capture.image_path(frame);
+            let extractor =
+                extractor.as_mut().map_err(|e| Error::Stripe { path: path.clone(), source: e.clone() })?;
+            let image = match reading.stripe(capture, frame) {
+                Ok(image) => image,
+                Err(error) => return Ok(Err(error)),
+            };
+            let stripe = extract(extractor, &image, None, &path)?;
+            let points = stripe
+                .measurements()
+                .map(|m| StripePoint {
+                    pixel: Vector2::from(stripe.axis.uv(m.line, m.position_px)),
+                    sigma_px: m.sigma_px,
+                    width_px: f64::from(stripe.width_px[m.line]),
+                })
+                .collect();
+            progress.step();
+            let voltage_v = frame.voltage_v.unwrap_or(f64::NAN);
+            Ok(Ok(StripeView { file: name(capture, frame), voltage_v, points }))
+        })
+        .collect();
+    let (mut kept, mut lost) = (Vec::new(), Vec::new());
+    for (frame, result) in std::iter::zip(frames, extracted) {
+        match result? {
+            Ok(stripe) if stripe.voltage_v.is_finite() => kept.push((frame, stripe)),
+            Ok(_) => {}
+            Err(error) => lost.push(Problem::loss(frame.row, error)),
+        }
+    }
+    Ok((kept, lost))
+}

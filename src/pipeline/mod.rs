@@ -1,0 +1,32 @@
+//! The way through: images and voltages → stripes → rays and sheets → points.
+//!
+//! | stage | module | in | out | decides | how it fails |
+//! |---|---|---|---|---|---|
+//! | load | `load` | capture, row | grey image | colour → channel, background frame of each scan frame | a lost image is a [`uw_io::Problem`] |
+//! | boards | `boards` | laser-off images | corners | whether the declared board was seen | rejected image with a reason; [`crate::Error::BoardNotSeen`] |
+//! | stripes | `stripes` | laser-on images | centre, sigma | rows or columns, rejects by reason | a rejected measurement is counted |
+//! | calibrate | `calibrate` | captures, rig | [`uw_calib::Calibration`] | which measurements take part | [`uw_calib::CalibError`] says what to capture |
+//! | points | `reconstruct` | scan, calibration | [`uw_cloud::PointCloud`] | water's index, refraction model | points without an intersection are counted |
+
+mod boards;
+pub mod calibrate;
+mod load;
+pub mod reconstruct;
+mod stripes;
+
+/// Told how far a long piece of work has come; called from several threads.
+pub trait Progress: Sync {
+    /// A stage of `total` steps begins.
+    fn begin(&self, stage: &str, total: usize);
+    /// One more step is done.
+    fn step(&self);
+}
+
+/// Tells nobody.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Silent;
+
+impl Progress for Silent {
+    fn begin(&self, _: &str, _: usize) {}
+    fn step(&self) {}
+}

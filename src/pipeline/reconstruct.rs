@@ -1,0 +1,293 @@
+//! A recorded sweep → points in millimetres, each with its covariance.
+
+use crate::Error;
+use crate::pipeline::Progress;
+use crate::pipeline::load::{Reading, by_background};
+use crate::pipeline::stripes::{Rejects, extract, extractor};
+use nalgebra::{Vector2, Vector3};
+use rayon::prelude::*;
+use std::path::Path;
+use uw_calib::{Across, Method};
+use uw_cloud::{CloudPoint, Frame, PointCloud};
+use uw_geom::{Dual, GeomError, Medium, Plane, Ray, Real, Scanner, approx};
+use uw_io::calibration_toml::CalibrationFile;
+use uw_io::{Capture, FrameRecord, GrayImage, Kind, Problem, Rig};
+
+/// How light is traced.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Refraction {
+    /// Exactly, through both windows.
+    #[default]
+    Exact,
+    /// By the paper's approximations, Eqs 9 to 14.
+    Paper,
+    /// Straight, as if there were neither windows nor water.
+    None,
+}
+
+/// What tells the index of the water of a scan.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum WaterIndex {
+    /// The calibration's estimate plus the difference of the scan's nominal index from that of the calibration's water.
+    #[default]
+    Calibrated,
+    /// This index at the laser's wavelength.
+    Given(f64),
+    /// From temperature, salinity and depth, by Quan and Fry.
+    Properties {
+        /// Degrees Celsius.
+        temperature_c: f64,
+        /// Practical salinity.
+        salinity_psu: f64,
+        /// Metres.
+        depth_m: f64,
+    },
+}
+
+/// How to reconstruct.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Settings {
+    /// How light is traced.
+    pub refraction: Refraction,
+    /// Frame of the points.
+    pub frame: Frame,
+    /// What is outside the windows; `None`: what the capture says.
+    pub medium: Option<uw_io::Medium>,
+    /// The water's index.
+    pub water: WaterIndex,
+}
+
+/// A cloud, and what was left out on the way.
+#[derive(Debug)]
+pub struct Reconstructed {
+    /// The points, in the order of frames and along each stripe.
+    pub cloud: PointCloud,
+    /// Laser-on images that were used.
+    pub frames: usize,
+    /// Rows (columns) without a point, by reason.
+    pub rejected: Rejects,
+    /// Index of refraction used outside the windows.
+    pub index: f64,
+    /// Warnings about the files, and losses.
+    pub problems: Vec<Problem>,
+    /// What to know before trusting the cloud.
+    pub warnings: Vec<String>,
+}
+
+/// The points of a scan.
+///
+/// # Errors
+/// [`Error`] where a file is wrong, the water's index is not known, or no image could be read.
+pub fn reconstruct(
+    path: &Path,
+    calibration: &CalibrationFile,
+    settings: &Settings,
+    progress: &dyn Progress,
+) -> Result<Reconstructed, Error> {
+    let mut warnings = Vec::new();
+    match (calibration.calibration.method, settings.refraction) {
+        (Method::Paper, Refraction::Exact) => return Err(Error::PaperCalibration),
+        (Method::Joint, Refraction::Paper) => warnings.push(
+            "the paper's refraction on a joint calibration: its windows' distances and its planes are taken, their tilt and the \
+             fan's curvature are neglected"
+                .to_owned(),
+        ),
+        _ => {}
+    }
+    let capture = Capture::open(path)?;
+    if capture.kind != Kind::Scan {
+        let path = capture.dir.clone();
+        return Err(Error::Kind { path, needed: "scan", got: "calibration" });
+    }
+    let medium = medium(&capture, calibration, settings)?;
+    let tracer = Tracer { calibration, refraction: settings.refraction, medium };
+
+    let rig = &calibration.rig;
+    let reading = Reading::new(rig);
+    let across = calibration.calibration.across;
+    let groups = by_background(&capture);
+    progress.begin("frames", groups.iter().map(|(_, frames)| frames.len()).sum());
+    type FrameResult = Result<Points, uw_io::Error>;
+    let frames: Vec<Vec<(&FrameRecord, FrameResult)>> = groups
+        .into_par_iter()
+        .map(|(dark, frames)| {
+            let dark = dark.map(|d| reading.stripe(&capture, d)).transpose();
+            let background = dark.as_ref().ok().and_then(Option::as_ref);
+            frames
+                .into_par_iter()
+                .map_init(
+                    || extractor(across, rig.camera.bits, false),
+                    |extractor, frame| {
+                        let path = capture.image_path(frame);
+                        let extractor = extractor
+                            .as_mut()
+                            .map_err(|e| Error::Stripe { path: path.clone(), source: e.clone() })?;
+                        let points = match reading.stripe(&capture, frame) {
+                            Ok(image) => Ok(tracer.points(extractor, &image, background, frame, &path)?),
+                            Err(error) => Err(error),
+                        };
+                        progress.step();
+                        Ok((frame, points))
+                    },
+                )
+                .collect::<Result<Vec<_>, Error>>()
+        })
+        .collect::<Result<_, Error>>()?;
+
+    let mut problems = Vec::new();
+    let (mut points, mut rejected, mut used) = (Vec::new(), Rejects::new(), 0);
+    for (frame, result) in frames.into_iter().flatten() {
+        match result {
+            Ok(found) => {
+                used += 1;
+                points.extend(found.points);
+                for (reason, count) in found.rejected {
+                    *rejected.entry(reason).or_default() += count;
+                }
+            }
+            Err(error) => problems.push(Problem::loss(frame.row, error)),
+        }
+    }
+    if used == 0 {
+        return Err(Error::NothingLeft { path: capture.dir.clone() });
+    }
+    if points.is_empty() {
+        return Err(Error::NoStripe { path: capture.dir.clone(), frames: used });
+    }
+    let mut cloud = PointCloud::from_points(Frame::Camera, &points);
+    if settings.frame == Frame::Galvo {
+        let galvo_from_camera = tracer.scanner().camera_from_galvo().inverse();
+        cloud = cloud.transformed(Frame::Galvo, &galvo_from_camera.isometry());
+    }
+    problems.extend(capture.into_problems());
+    Ok(Reconstructed { cloud, frames: used, rejected, index: medium.index, problems, warnings })
+}
+
+/// What is outside the windows during the scan (FORMATS §2).
+fn medium(capture: &Capture, file: &CalibrationFile, settings: &Settings) -> Result<Medium, Error> {
+    if settings.medium.unwrap_or(capture.medium) == uw_io::Medium::Air {
+        return Ok(Medium::air());
+    }
+    let wavelength = file.rig.laser.wavelength_nm;
+    match settings.water {
+        WaterIndex::Given(index) => Ok(Medium::of_index(index)),
+        WaterIndex::Properties { temperature_c, salinity_psu, depth_m } => {
+            Ok(Medium::of_index(uw_geom::water::index(temperature_c, salinity_psu, wavelength, depth_m)))
+        }
+        WaterIndex::Calibrated => {
+            let of_scan = capture.rig.as_ref().and_then(Rig::water_index);
+            let nominal = of_scan.or(file.calibration.nominal_water_index).or_else(|| file.rig.water_index());
+            let unknown = || Error::NoWaterIndex { path: capture.dir.clone() };
+            Ok(file.calibration.water(nominal.ok_or_else(unknown)?))
+        }
+    }
+}
+
+/// What one image gave.
+struct Points {
+    points: Vec<CloudPoint>,
+    rejected: Rejects,
+}
+
+/// From stripes to points, for one scan.
+struct Tracer<'a> {
+    calibration: &'a CalibrationFile,
+    refraction: Refraction,
+    medium: Medium,
+}
+
+/// A point and its derivative by the measured coordinate, mm and mm per px.
+type PointAndSlope = (Vector3<f64>, Vector3<f64>);
+
+impl Tracer<'_> {
+    fn scanner(&self) -> &Scanner {
+        self.calibration.calibration.scanner()
+    }
+
+    fn points(
+        &self,
+        extractor: &mut uw_stripe::Extractor,
+        image: &GrayImage,
+        background: Option<&GrayImage>,
+        frame: &FrameRecord,
+        path: &Path,
+    ) -> Result<Points, Error> {
+        let stripe = extract(extractor, image, background, path)?;
+        let mut rejected: Rejects = stripe.rejected().map(|(reason, count)| (reason.name(), count)).collect();
+        let Some(voltage_v) = frame.voltage_v else { return Ok(Points { points: Vec::new(), rejected }) };
+        let across = self.calibration.calibration.across;
+        let sheet = self.scanner().sheet(voltage_v, self.medium);
+        let plane = approx::planar_sheet(&sheet);
+        let mut points = Vec::with_capacity(stripe.found());
+        for m in stripe.measurements() {
+            let pixel = Vector2::from(stripe.axis.uv(m.line, m.position_px));
+            let traced = match (self.refraction, plane) {
+                (Refraction::Exact, _) => self.exact(voltage_v, &pixel, across),
+                (_, Err(error)) => Err(error),
+                (Refraction::Paper, Ok(plane)) => central(&pixel, across, |pixel| {
+                    let ray = approx::scaled_pixel_ray(&self.scanner().camera, pixel, self.medium)?;
+                    approx::intersect_plane(&ray, &plane)
+                }),
+                (Refraction::None, Ok(_)) => central(&pixel, across, |pixel| {
+                    let plane = Plane::through(&sheet.apex_mm, &sheet.normal)?;
+                    let direction = self.scanner().camera.unproject(pixel)?;
+                    approx::intersect_plane(&Ray { origin: Vector3::zeros(), direction }, &plane)
+                }),
+            };
+            match traced {
+                Ok((point, slope)) => points.push(cloud_point(point, slope * m.sigma_px, &m, frame, &pixel)),
+                Err(_) => *rejected.entry("no_intersection").or_default() += 1,
+            }
+        }
+        Ok(Points { points, rejected })
+    }
+
+    fn exact(
+        &self,
+        voltage_v: f64,
+        pixel: &Vector2<f64>,
+        across: Across,
+    ) -> Result<PointAndSlope, GeomError> {
+        let mut variable = pixel.map(Dual::<1>::constant);
+        variable[across.index()] = Dual::variable(pixel[across.index()], 0);
+        let scanner = self.scanner().lift::<Dual<1>>();
+        let medium = Medium::of_index(Dual::constant(self.medium.index));
+        let voltage = Dual::constant(voltage_v);
+        let point = scanner.sheet(voltage, medium).intersect(&scanner.pixel_ray(&variable, medium)?)?;
+        Ok((point.map(|x| x.re), point.map(|x| x.eps[0])))
+    }
+}
+
+/// A point and its slope by central differences, for models without derivatives of their own.
+fn central(
+    pixel: &Vector2<f64>,
+    across: Across,
+    trace: impl Fn(&Vector2<f64>) -> Result<Vector3<f64>, GeomError>,
+) -> Result<PointAndSlope, GeomError> {
+    const HALF_STEP_PX: f64 = 0.5;
+    let at = |by: f64| {
+        let mut moved = *pixel;
+        moved[across.index()] += by;
+        trace(&moved)
+    };
+    Ok((trace(pixel)?, (at(HALF_STEP_PX)? - at(-HALF_STEP_PX)?) / (2.0 * HALF_STEP_PX)))
+}
+
+/// `along` is the point's standard deviation as a vector: the stripe's error moves it along the sheet.
+fn cloud_point(
+    point: Vector3<f64>,
+    along: Vector3<f64>,
+    m: &uw_stripe::Measurement,
+    frame: &FrameRecord,
+    pixel: &Vector2<f64>,
+) -> CloudPoint {
+    let covariance = along * along.transpose();
+    CloudPoint {
+        position_mm: point.into(),
+        intensity: m.amplitude as f32,
+        frame_row: frame.row as u32,
+        pixel: [pixel.x as f32, pixel.y as f32],
+        sigma_mm: along.norm() as f32,
+        covariance_mm2: [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|at| covariance[at] as f32),
+    }
+}
