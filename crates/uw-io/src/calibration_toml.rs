@@ -7,6 +7,7 @@
 
 mod check;
 mod record;
+mod statistics;
 
 use std::path::Path;
 
@@ -105,7 +106,7 @@ pub fn write(path: &Path, overwrite: Overwrite, file: &CalibrationFile) -> Resul
 }
 
 /// What a section is about, written above it.
-const COMMENTS: [(&str, &str); 9] = [
+const COMMENTS: [(&str, &str); 8] = [
     ("[camera]", "Pixel (0, 0) is the centre of the top-left pixel. Distortion as OpenCV's."),
     (
         "[camera.port]",
@@ -114,7 +115,7 @@ const COMMENTS: [(&str, &str); 9] = [
     (
         "[galvo]",
         "Camera frame: x right, y down, z forward. The axis's point is the closest to the optical centre.\n\
-         # The mirror turns by d V + c2 V^2 + c3 V^3 degrees (the beam by twice as much), less the same at reference_v.",
+         # y_axis is z_axis x axis_direction. The mirror turns by d V + c2 V^2 + c3 V^3 degrees (the beam by twice as much), less the same at reference_v.",
     ),
     ("[laser]", "The fan's virtual apex at reference_v, in the galvanometer frame."),
     (
@@ -126,8 +127,7 @@ const COMMENTS: [(&str, &str); 9] = [
         "What was added to the nominal index, at the laser's wavelength, and at the board's light besides.",
     ),
     ("[statistics]", "What remained, and how many took part."),
-    ("[[captures]]", "A capture that took part."),
-    ("[rig]", "The rig file: drawing values, not estimates."),
+    ("[rig.camera]", "From here to the priors, the rig file: drawing values, not estimates."),
 ];
 
 fn to_toml(file: &CalibrationFile) -> Result<String, Fault> {
@@ -138,11 +138,14 @@ fn to_toml(file: &CalibrationFile) -> Result<String, Fault> {
     record.clone().into_file()?;
     let covariance = record.covariance.take();
     let warnings = std::mem::take(&mut record.warnings);
-    let mut text = format!("format = \"{FORMAT}\"\nversion = {VERSION}\n");
+    let body = toml::to_string(&record).map_err(unwritable)?;
+    let (top, sections) = body.split_once("\n\n").unwrap_or((&body, ""));
+    let mut text = format!("format = \"{FORMAT}\"\nversion = {VERSION}\n{top}\n");
     if !warnings.is_empty() {
         list(&mut text, "warnings", warnings.into_iter().map(|said| toml::Value::from(said).to_string()));
     }
-    for line in toml::to_string(&record).map_err(unwritable)?.lines() {
+    text.push('\n');
+    for line in sections.lines() {
         if let Some((_, comment)) = COMMENTS.iter().find(|(header, _)| *header == line) {
             text += &format!("# {comment}\n");
         }

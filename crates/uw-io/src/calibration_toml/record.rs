@@ -2,13 +2,10 @@
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Deserializer, Serialize};
-use uw_calib::{
-    Across, Calibration, CorrelatedPair, GLOBALS, Instrument, Method, NAMES, Quantity, Rejected, Statistics,
-    WorstImage, quantities,
-};
+use uw_calib::{Across, Calibration, GLOBALS, Instrument, Method, NAMES, Quantity, quantities};
 use uw_geom::{Distortion, Fan, Galvo, GeomError, Medium, Port, Scanner};
 
-use super::{CalibrationFile, CaptureSource, Fault, check};
+use super::{CalibrationFile, CaptureSource, Fault, check, statistics::StatisticsRecord};
 use crate::{rig::Rig, toml_file::exactly};
 
 #[derive(Clone, Serialize, Deserialize)]
@@ -148,52 +145,6 @@ pub(super) struct WaterRecord {
 
 #[derive(Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct StatisticsRecord {
-    pub reprojection_rms_px: f64,
-    pub stripe_rms_px: f64,
-    pub stripe_rms_mm: f64,
-    pub corner_scale: f64,
-    pub stripe_scale: f64,
-    pub corners: usize,
-    pub corners_rejected: usize,
-    pub stripe_points: usize,
-    pub stripe_points_rejected: usize,
-    pub poses_used: usize,
-    pub frames_used: usize,
-    pub iterations: usize,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub rejected: Vec<RejectedRecord>,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub worst: Vec<WorstRecord>,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub correlated: Vec<CorrelatedRecord>,
-}
-
-#[derive(Clone, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct RejectedRecord {
-    file: String,
-    reason: String,
-}
-
-#[derive(Clone, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct WorstRecord {
-    file: String,
-    rms_px: f64,
-    max_px: f64,
-}
-
-#[derive(Clone, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct CorrelatedRecord {
-    a: String,
-    b: String,
-    correlation: f64,
-}
-
-#[derive(Clone, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub(super) struct CovarianceRecord {
     pub names: Vec<String>,
     pub rows: Vec<Vec<f64>>,
@@ -203,8 +154,10 @@ pub(super) struct CovarianceRecord {
 struct Sigmas(Vec<Quantity>);
 
 impl Sigmas {
+    /// To four digits: they are for people.
     fn of(&self, name: &str) -> Option<f64> {
-        self.0.iter().find(|q| q.name == name).map(|q| q.sigma)
+        let sigma = self.0.iter().find(|q| q.name == name)?.sigma;
+        Some(format!("{sigma:.3e}").parse().unwrap_or(sigma))
     }
 
     /// Of a vector, whose components carry x, y, z before the unit.
@@ -228,11 +181,13 @@ impl Sigmas {
     }
 }
 
-/// The degrees that come closest to `radians` when they are turned back.
+/// The degrees that come closest to `radians` when they are turned back. Four roundings lie between the two: the
+/// right ones are at most two units in the last place away.
 fn degrees(radians: f64) -> f64 {
     let first = radians.to_degrees();
     let miss = |degrees: &f64| (degrees.to_radians() - radians).abs();
-    [first, first.next_up(), first.next_down()]
+    let (up, down) = (first.next_up(), first.next_down());
+    [first, up, down, up.next_up(), down.next_down()]
         .into_iter()
         .min_by(|a, b| miss(a).total_cmp(&miss(b)))
         .unwrap_or(first)
@@ -378,70 +333,21 @@ fn port(key: &str, record: &PortRecord) -> Result<Port, Fault> {
     )
 }
 
-impl From<&Statistics> for StatisticsRecord {
-    fn from(s: &Statistics) -> Self {
-        Self {
-            reprojection_rms_px: s.reprojection_rms_px,
-            stripe_rms_px: s.stripe_rms_px,
-            stripe_rms_mm: s.stripe_rms_mm,
-            corner_scale: s.corner_scale,
-            stripe_scale: s.stripe_scale,
-            corners: s.corners,
-            corners_rejected: s.corners_rejected,
-            stripe_points: s.stripe_points,
-            stripe_points_rejected: s.stripe_points_rejected,
-            poses_used: s.poses_used,
-            frames_used: s.frames_used,
-            iterations: s.iterations,
-            rejected: s
-                .rejected
-                .iter()
-                .map(|r| RejectedRecord { file: r.file.clone(), reason: r.reason.clone() })
-                .collect(),
-            worst: s
-                .worst
-                .iter()
-                .map(|w| WorstRecord { file: w.file.clone(), rms_px: w.rms_px, max_px: w.max_px })
-                .collect(),
-            correlated: s
-                .correlated
-                .iter()
-                .map(|p| CorrelatedRecord { a: p.a.into(), b: p.b.into(), correlation: p.correlation })
-                .collect(),
-        }
-    }
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
 
-impl StatisticsRecord {
-    fn into_domain(self) -> Result<Statistics, Fault> {
-        let pair = |p: CorrelatedRecord| {
-            let [a, b] = [&p.a, &p.b].map(|name| check::parameter("statistics.correlated", name));
-            Ok(CorrelatedPair { a: a?, b: b?, correlation: p.correlation })
-        };
-        Ok(Statistics {
-            reprojection_rms_px: self.reprojection_rms_px,
-            stripe_rms_px: self.stripe_rms_px,
-            stripe_rms_mm: self.stripe_rms_mm,
-            corners: self.corners,
-            stripe_points: self.stripe_points,
-            corners_rejected: self.corners_rejected,
-            stripe_points_rejected: self.stripe_points_rejected,
-            poses_used: self.poses_used,
-            frames_used: self.frames_used,
-            rejected: self
-                .rejected
-                .into_iter()
-                .map(|r| Rejected { file: r.file, reason: r.reason })
-                .collect(),
-            worst: self
-                .worst
-                .into_iter()
-                .map(|w| WorstImage { file: w.file, rms_px: w.rms_px, max_px: w.max_px })
-                .collect(),
-            correlated: self.correlated.into_iter().map(pair).collect::<Result<_, _>>()?,
-            corner_scale: self.corner_scale,
-            stripe_scale: self.stripe_scale,
-            iterations: self.iterations,
-        })
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(20_000))]
+
+        #[test]
+        fn angles_come_back_within_their_last_place(radians in -7.0..7.0f64, exponent in -12..1) {
+            let radians = radians * 10f64.powi(exponent);
+            let back = degrees(radians).to_radians();
+            prop_assert!((back - radians).abs() <= f64::EPSILON * radians.abs());
+            // What was read from a file is written so that it is the same again.
+            prop_assert_eq!(degrees(back).to_radians().to_bits(), back.to_bits());
+        }
     }
 }

@@ -15,6 +15,8 @@ use crate::samples::{RIG, edit, says, write};
 const LAST_PLACE: f64 = f64::EPSILON;
 /// Rounding of making unit vectors of unit vectors and closest points of closest points, of lengths below 1000 mm.
 const ROUNDING: f64 = 1e-12;
+/// Half of the fourth digit of a standard deviation, relative to it.
+const FOUR_DIGITS: f64 = 5.01e-4;
 
 /// A calibration made of these numbers, which each are within −1 to 1.
 fn calibration(numbers: &[f64]) -> CalibrationFile {
@@ -223,8 +225,12 @@ fn every_estimate_has_the_sigma_of_the_covariance_beside_it() {
         let value = number(&format!("{stem}.{key}"), axis);
         assert!((value - q.value).abs() <= ROUNDING, "{}: {value} {}", q.name, q.value);
         let sigma = number(&format!("{stem}.sigma_{key}"), axis);
-        assert_eq!(sigma.to_bits(), q.sigma.to_bits(), "{}", q.name);
-        assert!(sigma > 0.0, "{}", q.name);
+        assert!(
+            sigma > 0.0 && (sigma / q.sigma - 1.0).abs() < FOUR_DIGITS,
+            "{}: {sigma} {}",
+            q.name,
+            q.sigma
+        );
         checked += 1;
     }
     // All but the three of the plane.
@@ -342,4 +348,24 @@ fn what_could_not_be_read_is_not_written() {
     calibration_toml::write(&path, Overwrite::Refuse, &sample()).unwrap();
     let message = calibration_toml::write(&path, Overwrite::Refuse, &sample()).unwrap_err().to_string();
     says(&message, &["exists already", "--force"]);
+}
+proptest! {
+    #[test]
+    fn damage_never_panics(at in 0.0..1.0f64, byte in any::<u8>(), torn in any::<bool>()) {
+        static WHOLE: std::sync::LazyLock<String> = std::sync::LazyLock::new(|| round_trip(&sample()).1);
+        let mut bytes = WHOLE.clone().into_bytes();
+        let at = (at * bytes.len() as f64) as usize;
+        bytes[at] = byte;
+        if torn {
+            bytes.truncate(at);
+        }
+        let dir = TempDir::new().unwrap();
+        let path = dir.path().join("calibration.toml");
+        fs::write(&path, bytes).unwrap();
+        match calibration_toml::read(&path) {
+            // One byte may well leave a sound file; one that ends early may not, its covariance being last.
+            Ok(_) => prop_assert!(!torn || at + 2 >= WHOLE.len(), "torn at {at}"),
+            Err(e) => says(&e.to_string(), &["calibration.toml"]),
+        }
+    }
 }

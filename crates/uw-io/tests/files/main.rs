@@ -7,4 +7,5 @@ mod capture;
 mod clouds;
 mod images;
 mod rig;
+mod rig_domain;
 mod samples;
