@@ -36,8 +36,8 @@ const LEVEL_MARGIN: f64 = 1.5;
 /// Sigma, in widths, of the shift by an edge that the stripe runs along: a Gaussian cut at its middle has its mean at
 /// 0.8 widths, and half of the width is the lens's.
 const LEAN_BETWEEN_LEVELS: f64 = 0.4;
-/// At a stripe's end, the share of the next line's flux below which only part of the beam met the surface.
-const PARTIAL: f64 = 0.4;
+/// Within two lines of a stripe's end, the share of the flux further in below which only part of the beam met the surface.
+const PARTIAL: f64 = 0.5;
 /// Largest sigma in widths: beyond it there is no telling a stripe from the background's texture.
 const LARGEST_SIGMA_IN_WIDTHS: f64 = 0.25;
 /// A run needs as many members as [`LEAST_RUN`] with this many times the least signal-to-noise ratio.
@@ -393,7 +393,9 @@ impl Extractor {
         // Against the noise that would be there without a stripe, through the filter matched to its width: what decides
         // whether there is one is the chance of the background to look like it.
         let level = fit.background.max(0.0) + self.lines.line(i).pedestal(taken.centre);
-        let noise = self.stripe.noise.variance(level, 0.0) * 2.0 * std::f64::consts::PI.sqrt() * fit.width;
+        let texture = texture(self.lines.line(i), &fit, &mut self.scratch);
+        let pixel = self.stripe.noise.variance(level, 0.0).max(texture * texture);
+        let noise = pixel * 2.0 * std::f64::consts::PI.sqrt() * fit.width;
         let snr = fit.flux / noise.sqrt();
         self.snr[i] = snr;
         let reject = if (fit.centre - taken.centre as f64).abs() > reach {
@@ -463,9 +465,9 @@ impl Extractor {
     /// True at the end of a stripe where its light falls off: the beam's other part went past the surface.
     fn partial(&self, i: usize) -> bool {
         let Some(here) = self.flux(Some(i)) else { return false };
-        let (before, after) = (self.flux(i.checked_sub(1)), self.flux(Some(i + 1)));
-        match (before, after) {
-            (Some(next), None) | (None, Some(next)) => here < PARTIAL * next,
+        let pair = |a: Option<usize>, b: Option<usize>| Some(self.flux(a)?.max(self.flux(b)?));
+        match (pair(i.checked_sub(1), i.checked_sub(2)), pair(Some(i + 1), Some(i + 2))) {
+            (Some(inside), None) | (None, Some(inside)) => here < PARTIAL * inside,
             _ => false,
         }
     }
@@ -577,6 +579,30 @@ fn refine(
         start = Start { centre: fit.centre, width, flux: fit.flux, background: fit.background, ..start };
     }
     best
+}
+
+/// Scatter of the line around a stripe, DN: what haze adds to the camera's noise. 0 without enough pixels.
+///
+/// From the 85th percentile above the median, which a floor that clips the dark half, or another stripe, leaves alone.
+fn texture(line: Line<'_>, fit: &Fit, values: &mut Vec<f32>) -> f64 {
+    /// Pixels looked at on either side, and how many are enough.
+    const REACH: f64 = 40.0;
+    const LEAST: usize = 16;
+    const UPPER: f64 = 0.85;
+    /// The same percentile of the normal distribution.
+    const UPPER_NORMAL: f64 = 1.036;
+    let length = line.value.len();
+    let at = |x: f64| (x.round().max(0.0) as usize).min(length);
+    let own = 4.0 * fit.width + 1.0;
+    values.clear();
+    values.extend_from_slice(&line.value[at(fit.centre - own - REACH)..at(fit.centre - own)]);
+    values.extend_from_slice(&line.value[at(fit.centre + own)..at(fit.centre + own + REACH)]);
+    if values.len() < LEAST {
+        return 0.0;
+    }
+    values.sort_unstable_by(f32::total_cmp);
+    let upper = values[(UPPER * (values.len() - 1) as f64).round() as usize];
+    f64::from(upper - values[values.len() / 2]) / UPPER_NORMAL
 }
 
 /// Pixels within `half` of the centre, stopped midway to the next candidate on either side.

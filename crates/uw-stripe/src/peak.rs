@@ -89,7 +89,10 @@ impl Search {
             let reach = c.scale;
             let rival = |j: usize| self.best[j].snr.total_cmp(&c.snr).then(i.cmp(&j)).is_gt();
             if !(i.saturating_sub(reach)..(i + reach + 1).min(n)).any(rival) {
-                found.push(c);
+                match split(line, noise, &c) {
+                    Some(pair) => pair.into_iter().for_each(|c| found.push(c)),
+                    None => found.push(c),
+                }
             }
         }
         found
@@ -136,4 +139,45 @@ impl Search {
             }
         }
     }
+}
+
+/// The two peaks of a candidate whose box holds two, as where the stripe steps in depth.
+///
+/// They are the highest pixel and the one that stands highest above the valley between, if it does so by a quarter of
+/// its own height (speckle on a wide stripe doesn't) and by more than noise.
+fn split(line: Line<'_>, noise: &NoiseModel, c: &Candidate) -> Option<[Candidate; 2]> {
+    const SHARE: f32 = 0.25;
+    const SIGMAS: f64 = 3.0;
+    let (from, to) = (c.centre.saturating_sub(c.scale), (c.centre + c.scale + 1).min(line.value.len()));
+    let top = (from..to).max_by(|&a, &b| line.value[a].total_cmp(&line.value[b]).then(b.cmp(&a)))?;
+    let mut second: Option<(usize, usize, f32)> = None;
+    for side in [-1isize, 1] {
+        let mut valley = top;
+        let mut at = top;
+        while let Some(next) = at.checked_add_signed(side).filter(|i| (from..to).contains(i)) {
+            at = next;
+            if line.value[at] < line.value[valley] {
+                valley = at;
+            }
+            let rise = line.value[at] - line.value[valley];
+            if second.is_none_or(|s| rise > s.2) {
+                second = Some((at, valley, rise));
+            }
+        }
+    }
+    let (other, valley, rise) = second?;
+    let level = |i: usize| (f64::from(line.value[i]) + line.pedestal(i)).max(0.0);
+    let signal = |i: usize| f64::from(line.value[i] - c.background);
+    let sigma =
+        (noise.variance(level(other), signal(other)) + noise.variance(level(valley), signal(valley))).sqrt();
+    if rise < SHARE * (line.value[other] - c.background) || f64::from(rise) < SIGMAS * sigma {
+        return None;
+    }
+    let part = |peak: usize| {
+        let range = if peak < valley { from..valley } else { valley + 1..to };
+        let flux: f32 = line.value[range].iter().map(|v| (v - c.background).max(0.0)).sum();
+        let scale = (2 * peak.abs_diff(valley) - 1).clamp(3, c.scale.max(3));
+        Candidate { centre: peak, scale, flux, ..*c }
+    };
+    Some([part(top), part(other)])
 }

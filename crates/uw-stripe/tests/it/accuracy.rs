@@ -208,6 +208,27 @@ fn second_reflections_do_not_win_for_being_brighter_for_a_while() {
 }
 
 #[test]
+fn two_stripes_that_nearly_touch_are_not_taken_for_one() {
+    // A step in depth: the stripe jumps by six pixels, and on the lines of the step both ends show.
+    const STEP_PX: f64 = 7.0;
+    let left = |_: f64| 70.3;
+    let bright = |_: f64, v: f64| if v < 260.0 { 140.0 } else { 0.0 };
+    let right = |u: f64, v: f64| {
+        let d = (u - 70.3 - STEP_PX) / 1.1;
+        3.0 + if v > 240.0 { 110.0 * (-0.5 * d * d).exp() } else { 0.0 }
+    };
+    let scene = Scene { sigma: 1.1, ..eight_bit(&left, &bright, &right) };
+    let stripe = extract(&scene, 1, Options::default());
+    assert!(stripe.found() * 100 >= 98 * stripe.len());
+    for m in stripe.measurements() {
+        let off = m.position_px - 70.3;
+        let error = off.abs().min((off - STEP_PX).abs());
+        assert!(error < 0.15, "between the two: {m:?}");
+        assert!(!(243..257).contains(&m.line) || m.flags.contains(Flags::SEVERAL_PEAKS), "{m:?}");
+    }
+}
+
+#[test]
 fn nothing_is_found_where_nothing_is() {
     let dark = |_: f64| -100.0;
     for (name, background) in [

@@ -1,5 +1,7 @@
 //! Claims about whole images, on scenes whose truth is known.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot set up its scene shall fail")]
+
 mod accuracy;
 mod behaviour;
 mod scene;
