@@ -1,0 +1,112 @@
+//! What can be typed.
+
+use std::{ffi::OsString, num::NonZeroUsize};
+
+use clap::{
+    Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum, error::ErrorKind,
+};
+
+use crate::commands::{calibrate, completions, fit, info, man, reconstruct};
+
+/// Underwater laser-line scanning: calibration, exact refraction, point clouds and measurements.
+///
+/// Results go to standard output, progress and diagnostics to standard error. An output is there whole or not at
+/// all, and an existing file is replaced only with --force.
+#[derive(Debug, Parser)]
+#[command(name = "uwscan", version, propagate_version = true, max_term_width = 100)]
+#[command(
+    after_help = "Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done with loss (an input was missing or \
+    unreadable, and the rest was used)."
+)]
+pub struct Cli {
+    /// Options of every command.
+    #[command(flatten)]
+    pub global: Global,
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// Options of every command.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "General options")]
+pub struct Global {
+    /// Say more: every figure, every lost or rejected image
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+    /// Say less: no progress; given twice, no warnings either
+    #[arg(short, long, global = true, action = clap::ArgAction::Count, conflicts_with = "verbose")]
+    pub quiet: u8,
+    /// Colour the diagnostics
+    #[arg(long, global = true, value_name = "WHEN", default_value = "auto")]
+    pub color: Color,
+    /// Work on this many threads [default: one a processor]
+    #[arg(long, global = true, value_name = "N")]
+    pub threads: Option<NonZeroUsize>,
+}
+
+/// When to colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Color {
+    /// Where standard error is a terminal and NO_COLOR is not set
+    Auto,
+    /// Always
+    Always,
+    /// Never
+    Never,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Calibrate the instrument from captures of a chessboard, in air, in water or both
+    Calibrate(calibrate::Args),
+    /// Turn a recorded sweep into a point cloud
+    Reconstruct(reconstruct::Args),
+    /// Fit one shape to a point cloud, robustly, with uncertainty and deviations
+    Fit(fit::Args),
+    /// Say what a file or capture folder holds, and whether it is sound
+    Info(info::Args),
+    /// Print a shell's completion script
+    Completions(completions::Args),
+    /// Print the manual page (roff): uwscan man | man -l -
+    Man(man::Args),
+}
+
+/// What was typed.
+///
+/// # Errors
+/// Wrong usage, and what help and version have to say.
+pub fn parse(args: impl IntoIterator<Item = OsString>) -> Result<Cli, clap::Error> {
+    let args: Vec<OsString> = args.into_iter().collect();
+    let matches = Cli::command().color(color_of_usage(&args)).try_get_matches_from(&args)?;
+    Cli::from_arg_matches(&matches)
+}
+
+/// A usage error that only the values show, in clap's words and with its exit code.
+pub fn usage_error(kind: ErrorKind, message: impl std::fmt::Display) -> anyhow::Error {
+    Cli::command().error(kind, message).into()
+}
+
+/// The colour that usage errors are to have, which are told before there are parsed arguments.
+fn color_of_usage(args: &[OsString]) -> ColorChoice {
+    let typed = args.iter().enumerate().find_map(|(at, arg)| match arg.to_str()? {
+        "--color" => args.get(at + 1)?.to_str(),
+        arg => arg.strip_prefix("--color="),
+    });
+    match typed {
+        Some("always") => ColorChoice::Always,
+        Some("never") => ColorChoice::Never,
+        _ => ColorChoice::Auto,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_definition_of_the_arguments_holds_together() {
+        Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,128 @@
+//! `uwscan info`: what a file or capture folder holds, and whether it is sound.
+
+mod capture;
+mod cloud;
+mod instrument;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::bail;
+use serde::Serialize;
+use uwscan::io::{Error, Problem, Rig, calibration_toml};
+
+use crate::{
+    cloud_file::CloudFile,
+    console::Console,
+    exit::{Outcome, chain},
+    output::{self, Lost},
+};
+
+/// Arguments of `info`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Capture folder, calibration.toml, rig.toml or point cloud
+    file: PathBuf,
+    /// Print one JSON object instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+/// What a file holds.
+struct Content {
+    what: What,
+    text: String,
+    warnings: Vec<String>,
+    problems: Vec<Problem>,
+}
+
+#[derive(Serialize)]
+#[serde(tag = "kind", rename_all = "lowercase")]
+enum What {
+    Capture(Box<capture::Record>),
+    Rig { rig: Box<Rig> },
+    Calibration(Box<instrument::Record>),
+    Cloud(cloud::Record),
+}
+
+#[derive(Serialize)]
+struct Record<'a> {
+    file: &'a Path,
+    sound: bool,
+    #[serde(flatten)]
+    what: Option<&'a What>,
+    warnings: Vec<String>,
+    lost: Vec<Lost>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<String>,
+}
+
+/// Looks, and prints what is there. A file that is not sound fails; a capture with lost images is done with loss.
+///
+/// # Errors
+/// The file is not sound, or of no kind that is known.
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
+    let content = match look(&args.file, console) {
+        Ok(content) => content,
+        Err(error) => {
+            if args.json {
+                let error = Some(chain(&error));
+                let (warnings, lost) = (Vec::new(), Vec::new());
+                output::json(&Record { file: &args.file, sound: false, what: None, warnings, lost, error })?;
+            }
+            return Err(error);
+        }
+    };
+    let outcome = console.problems(&content.problems);
+    content.warnings.iter().for_each(|warning| console.warn(warning));
+    if args.json {
+        output::json(&Record {
+            file: &args.file,
+            sound: outcome == Outcome::Done,
+            what: Some(&content.what),
+            warnings: output::warnings(&content.warnings, &content.problems),
+            lost: output::lost(&content.problems),
+            error: None,
+        })?;
+    } else {
+        let verdict = if outcome == Outcome::Done { "sound" } else { "usable, with losses" };
+        output::print(format!("{}: {verdict}\n{}", args.file.display(), content.text))?;
+    }
+    Ok(outcome)
+}
+
+fn look(path: &Path, console: &Console) -> anyhow::Result<Content> {
+    if path.is_dir() {
+        return capture::look(path, console);
+    }
+    let ends = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
+    if ends("toml") {
+        return toml(path, console);
+    }
+    match CloudFile::new(path) {
+        Some(file) => Ok(cloud::look(&file)?),
+        None => bail!(
+            "{}: this is neither a capture folder nor a .toml, .ply, .xyz or .csv file; give one of these",
+            path.display()
+        ),
+    }
+}
+
+/// A TOML file is what its `format` says.
+fn toml(path: &Path, console: &Console) -> anyhow::Result<Content> {
+    if path.file_name().is_some_and(|name| name == "capture.toml") {
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+        return capture::look(folder.unwrap_or(Path::new(".")), console);
+    }
+    match calibration_toml::read(path) {
+        Err(Error::Format { .. }) => {}
+        read => return Ok(instrument::calibration(read?, console)),
+    }
+    match Rig::read(path) {
+        Err(Error::Format { got, .. }) => bail!(
+            "{}: this is {got}, but of a .toml file \"uwscan-rig\", \"uwscan-calibration\" and \"uwscan-capture\" (named \
+             capture.toml) are known; give one of these, or begin it with its format",
+            path.display()
+        ),
+        read => Ok(instrument::rig(read?)),
+    }
+}

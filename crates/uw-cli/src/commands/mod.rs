@@ -1,0 +1,41 @@
+//! One module a command.
+
+pub mod calibrate;
+pub mod completions;
+pub mod fit;
+pub mod info;
+pub mod man;
+pub mod reconstruct;
+
+use anyhow::Context;
+use uwscan::io::Overwrite;
+
+use crate::{
+    args::{Cli, Command},
+    console::Console,
+    exit::Outcome,
+};
+
+/// Does what was asked for.
+///
+/// # Errors
+/// The command's own.
+pub fn run(cli: &Cli, console: &Console) -> anyhow::Result<Outcome> {
+    if let Some(threads) = cli.global.threads {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.get());
+        pool.build_global().with_context(|| format!("cannot start {threads} threads"))?;
+    }
+    match &cli.command {
+        Command::Calibrate(args) => calibrate::run(args, console),
+        Command::Reconstruct(args) => reconstruct::run(args, console),
+        Command::Fit(args) => fit::run(args, console),
+        Command::Info(args) => info::run(args, console),
+        Command::Completions(args) => completions::run(args),
+        Command::Man(args) => man::run(args),
+    }
+}
+
+/// What `--force` allows.
+fn overwrite(force: bool) -> Overwrite {
+    if force { Overwrite::Replace } else { Overwrite::Refuse }
+}

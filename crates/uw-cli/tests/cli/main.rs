@@ -1,0 +1,9 @@
+//! What the `uwscan` process promises: streams, exit codes, JSON, messages, and outputs that are whole or not there.
+#![allow(clippy::unwrap_used)]
+
+mod bad_captures;
+mod fits;
+mod infos;
+mod job;
+mod samples;
+mod usage;
