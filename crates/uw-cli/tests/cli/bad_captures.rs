@@ -59,7 +59,8 @@ fn slips_in_capture_toml() {
     ] {
         edited("capture.toml", from, to, parts);
     }
-    edited("capture.toml", "\"calibration\"", "\"scan\"", &[]);
+    let scan = |dir: &Path| edit(dir, "capture.toml", "\"calibration\"", "\"scan\"");
+    refused(scan, &["this capture is a scan", "a calibration is needed"]);
 }
 
 #[test]
