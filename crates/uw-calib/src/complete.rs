@@ -103,7 +103,9 @@ fn measure(
     curvatures: [f64; 2],
 ) -> Option<Saddle> {
     let angles = [prediction.dx, prediction.dy].map(|d| d[1].atan2(d[0]));
-    let radius = (WINDOW_SHARE * prediction.clearance()).min(MAX_RADIUS_PX);
+    let to_border = |x: f64, size: usize| (x + 0.5).min(size as f64 - 0.5 - x);
+    let border = to_border(pixel[0], view.width()).min(to_border(pixel[1], view.height()));
+    let radius = (WINDOW_SHARE * prediction.clearance()).min(MAX_RADIUS_PX).min(border);
     if radius < MIN_RADIUS_PX {
         return None;
     }

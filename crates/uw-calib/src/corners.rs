@@ -110,7 +110,8 @@ fn label(mut corners: Corners, board: &Chessboard) -> Result<Detection, Rejectio
     let fits = |seen: [usize; 2]| seen[0] <= declared[0] && seen[1] <= declared[1];
     let turned = [seen[1], seen[0]];
     if !fits(seen) && !fits(turned) {
-        return Err(Rejection::Larger { seen, declared });
+        let oriented = if (seen[0] > seen[1]) == (declared[0] > declared[1]) { seen } else { turned };
+        return Err(Rejection::Larger { seen: oriented, declared });
     }
     let local =
         corners.into_iter().map(|([x, y], saddle)| ([(x - min[0]) as usize, (y - min[1]) as usize], saddle));

@@ -7,7 +7,6 @@
 //! rarely closes a square.
 
 use std::collections::{HashMap, VecDeque};
-use std::f64::consts::{PI, TAU};
 
 /// A possible corner.
 #[derive(Debug, Clone, Copy)]
@@ -48,47 +47,43 @@ pub(crate) fn lattices(candidates: &[Candidate]) -> Vec<HashMap<Place, usize>> {
     lattices
 }
 
-/// Direction `k` of a corner: 0 and 1 along its axes, 2 and 3 against them, in order of rising angle.
-fn direction(candidate: &Candidate, k: usize) -> f64 {
-    candidate.axes[k % 2] + PI * (k / 2) as f64
-}
-
-/// Difference of two angles, −π to π.
-fn turn(from: f64, to: f64) -> f64 {
-    (to - from + PI).rem_euclid(TAU) - PI
-}
-
-/// Nearest candidate in each direction whose axes fit.
+/// Nearest candidate in each direction whose axes fit. Direction 0 and 1 of a corner lead along its axes, 2 and 3 against
+/// them, in order of rising angle.
 fn nearest_links(candidates: &[Candidate]) -> Vec<[Link; 4]> {
-    candidates
-        .iter()
-        .map(|a| {
-            let mut best: [Option<(f64, usize, usize)>; 4] = [None; 4];
-            for (j, b) in candidates.iter().enumerate() {
-                let d = [b.pixel[0] - a.pixel[0], b.pixel[1] - a.pixel[1]];
-                let distance = d[0].hypot(d[1]);
-                if distance < MIN_DISTANCE_PX
-                    || best.iter().flatten().filter(|n| n.0 <= distance).count() == 4
-                {
-                    continue;
-                }
-                let heading = d[1].atan2(d[0]);
-                let Some(k) = (0..4).find(|&k| turn(direction(a, k), heading).abs() < ANGLE_TOLERANCE) else {
-                    continue;
-                };
+    let units: Vec<[[f64; 2]; 2]> =
+        candidates.iter().map(|c| c.axes.map(|angle| [angle.cos(), angle.sin()])).collect();
+    // The axis's direction (0 along, 2 against) in which `d` of squared length `square` leads, if it does.
+    let steepest = ANGLE_TOLERANCE.sin().powi(2);
+    let heads = |axis: [f64; 2], d: [f64; 2], square: f64| {
+        let across = axis[0] * d[1] - axis[1] * d[0];
+        let along = axis[0] * d[0] + axis[1] * d[1];
+        (across * across < steepest * square).then_some(if along > 0.0 { 0 } else { 2 })
+    };
+    let mut links = Vec::with_capacity(candidates.len());
+    for (i, a) in candidates.iter().enumerate() {
+        let mut nearest = [f64::INFINITY; 4];
+        let mut link: [Link; 4] = [None; 4];
+        for (j, b) in candidates.iter().enumerate() {
+            let d = [b.pixel[0] - a.pixel[0], b.pixel[1] - a.pixel[1]];
+            let square = d[0] * d[0] + d[1] * d[1];
+            if square < MIN_DISTANCE_PX * MIN_DISTANCE_PX || nearest.iter().all(|n| *n <= square) {
+                continue;
+            }
+            for kind in 0..2 {
+                let Some(ahead) = heads(units[i][kind], d, square) else { continue };
+                let k = kind + ahead;
                 // Only an axis of the other kind may lead back.
-                let back = [(k + 1) % 2, (k + 1) % 2 + 2]
-                    .into_iter()
-                    .find(|&m| turn(direction(b, m), heading + PI).abs() < ANGLE_TOLERANCE);
-                if let Some(back) = back
-                    && best[k].is_none_or(|nearest| distance < nearest.0)
+                if square < nearest[k]
+                    && let Some(along) = heads(units[j][1 - kind], d, square)
                 {
-                    best[k] = Some((distance, j, back));
+                    nearest[k] = square;
+                    link[k] = Some((j, 1 - kind + 2 - along));
                 }
             }
-            best.map(|link| link.map(|(_, j, back)| (j, back)))
-        })
-        .collect()
+        }
+        links.push(link);
+    }
+    links
 }
 
 fn mutual_links(candidates: &[Candidate]) -> Vec<[Link; 4]> {

@@ -39,3 +39,9 @@ pub use view::{GreyView, Layout, Samples, ViewError};
 mod capture;
 
 pub use capture::{CaptureError, label_capture};
+
+mod pinhole;
+mod zhang;
+
+pub use pinhole::{PINHOLE_NAMES, Pinhole, PinholeOptions, calibrate_pinhole};
+pub use zhang::closed_form;
