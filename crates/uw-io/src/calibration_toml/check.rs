@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, Matrix3};
 use toml::Value;
-use uw_calib::{GLOBALS, NAMES};
+use uw_calib::{GLOBALS, Method, NAMES};
 
 use super::{
     Fault,
@@ -72,6 +72,11 @@ pub(super) fn record(record: &Record) -> Result<(), Fault> {
     if let Some(index) = water.nominal_index.filter(|n| !(1.0..=4.0).contains(n)) {
         let what = format!("{index} is no index of refraction relative to air");
         return Err(Fault::new("water.nominal_index", what, AGAIN));
+    }
+    // Without this, a file that was torn before its last section would look whole.
+    if record.method == Method::Joint && record.covariance.is_none() {
+        let what = "a joint calibration has a covariance, which is missing";
+        return Err(Fault::new("covariance", what, "get the whole file, or calibrate again"));
     }
     for capture in captures {
         if capture.sha256.len() != 64 || !capture.sha256.bytes().all(|b| b.is_ascii_hexdigit()) {

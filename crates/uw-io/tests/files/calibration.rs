@@ -290,6 +290,7 @@ fn each_slip_is_named_with_its_key() {
             ),
             &["covariance.rows", "symmetric"],
         ),
+        (text[..text.find("[covariance]").unwrap()].into(), &["covariance", "missing"]),
         (text[..text.len() - 40].into(), &["calibration.toml"]),
         (text[..text.len() / 3].into(), &["calibration.toml"]),
         (String::new(), &["uwscan-calibration"]),

@@ -20,8 +20,8 @@ fn calibration_gets_pixels_windows_and_radians() {
     let rig = read(RIG).to_calib().unwrap();
     assert_eq!(rig.image_size, [8, 6]);
     // 12 mm over 8.6 and 8.3 µm.
-    assert!((rig.focal_px[0] - 1395.348_837_209_302_3).abs() < 1e-9);
-    assert!((rig.focal_px[1] - 1445.783_132_530_120_5).abs() < 1e-9);
+    assert!((rig.focal_px[0] - 1_395.348_837_209_302_3).abs() < 1e-9);
+    assert!((rig.focal_px[1] - 1_445.783_132_530_120_5).abs() < 1e-9);
     let port = |normal: [f64; 3], distance_mm, index| Port {
         normal: normal.into(),
         distance_mm,
