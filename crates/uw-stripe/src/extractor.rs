@@ -1,5 +1,6 @@
 //! The extractor: image → lines → candidates → track → fits → verdicts.
 
+use crate::bend::unbend;
 use crate::lines::{Clip, Line, Lines};
 use crate::mle::{self, Fit, Start, WidthPrior};
 use crate::noise::{self, Residual};
@@ -132,6 +133,7 @@ pub struct Extractor {
     scratch: Vec<f32>,
     keep: Vec<bool>,
     snr: Vec<f64>,
+    partial: Vec<usize>,
     /// Scatter by speckle, in widths, and the usual change of ln flux a line, of the image at hand.
     speckle: f64,
     usual_step: f64,
@@ -158,6 +160,7 @@ impl Extractor {
             scratch: Vec::new(),
             keep: Vec::new(),
             snr: Vec::new(),
+            partial: Vec::new(),
             speckle: 0.0,
             usual_step: 0.0,
             stripe: Stripe::empty(),
@@ -339,12 +342,24 @@ impl Extractor {
         let least = LEAST_RUN.min(self.fits.len());
         let strong = |i: usize| self.snr[i] >= STRONG * f64::from(self.options.min_snr);
         keep_runs(&self.stripe.position_px[lines.clone()], reach, strong, least, &mut self.keep);
-        for (i, keep) in lines.zip(&self.keep) {
+        for (i, keep) in lines.clone().zip(&self.keep) {
             if !keep && self.stripe.reject[i].is_none() {
-                self.stripe.reject[i] = Some(Reject::Inconsistent);
-                self.stripe.position_px[i] = f32::NAN;
+                self.stripe.drop_line(i, Reject::Inconsistent);
             }
         }
+        // All ends first, then out with them, lest an end be eaten up line by line.
+        let reach = |i: usize| RUN_STEP.0 + RUN_STEP.1 * self.stripe.width_px[i].max(0.0);
+        let mut partial = std::mem::take(&mut self.partial);
+        partial.clear();
+        partial.extend(lines.filter(|&i| self.stripe.reject[i].is_none() && self.partial(i, reach(i))));
+        for &i in &partial {
+            self.stripe.drop_line(i, Reject::Edge);
+        }
+        self.partial = partial;
+        let lines = self.lines.first_line..self.lines.first_line + self.fits.len();
+        let reach: Vec<f32> =
+            self.stripe.width_px.iter().map(|w| RUN_STEP.0 + RUN_STEP.1 * w.max(0.0)).collect();
+        unbend(&mut self.stripe, lines, |i| reach[i]);
     }
 
     /// Verdict on line `i` of the region, all but its company.
@@ -408,8 +423,6 @@ impl Extractor {
             Some(Reject::TooNarrow)
         } else if fit.centre - fit.width < -0.5 || fit.centre + fit.width > length - 0.5 {
             Some(Reject::AtBorder)
-        } else if self.partial(i) {
-            Some(Reject::Edge)
         } else if sigma > f64::from(o.max_sigma_px)
             || fit.sigma * scale.sqrt() > LARGEST_SIGMA_IN_WIDTHS * fit.width
         {
@@ -462,12 +475,21 @@ impl Extractor {
         high > LEVELS_APART * low && here > LEVEL_MARGIN * low && here * LEVEL_MARGIN < high
     }
 
-    /// True at the end of a stripe where its light falls off: the beam's other part went past the surface.
-    fn partial(&self, i: usize) -> bool {
-        let Some(here) = self.flux(Some(i)) else { return false };
-        let pair = |a: Option<usize>, b: Option<usize>| Some(self.flux(a)?.max(self.flux(b)?));
-        match (pair(i.checked_sub(1), i.checked_sub(2)), pair(Some(i + 1), Some(i + 2))) {
-            (Some(inside), None) | (None, Some(inside)) => here < PARTIAL * inside,
+    /// True at the end of a run where its light falls off: the beam's other part went past the surface. `line` is the
+    /// image's, `reach` the longest step a line within a run, px.
+    fn partial(&self, line: usize, reach: f32) -> bool {
+        let here = self.stripe.position_px[line];
+        let flux = |j: usize| self.flux(j.checked_sub(self.lines.first_line)).unwrap_or(0.0);
+        // NaN, a line without a position, is never near.
+        let inside = |j: Option<usize>, gap: f32| {
+            let near =
+                |j: &usize| self.stripe.position_px.get(*j).is_some_and(|p| (p - here).abs() <= gap * reach);
+            j.filter(near).map(flux)
+        };
+        let pair = |a, b| Some(inside(a, 1.0)?.max(inside(b, 2.0)?));
+        let before = pair(line.checked_sub(1), line.checked_sub(2));
+        match (before, pair(Some(line + 1), Some(line + 2))) {
+            (Some(inside), None) | (None, Some(inside)) => flux(line) < PARTIAL * inside,
             _ => false,
         }
     }

@@ -15,6 +15,7 @@
 //!
 //! Pixel (0, 0) is the centre of the top-left pixel. Grey values are in DN, positions, widths and sigmas in pixels.
 
+mod bend;
 mod error;
 mod extractor;
 mod lines;

@@ -65,7 +65,8 @@ pub enum Reject {
     AtBorder,
     /// Clipped so far that the flanks no longer fix the centre.
     Saturated,
-    /// Flagged [`Flags::EDGE`] while [`reject_edges`](crate::Options::reject_edges) is set.
+    /// At the end of a run, where the light falls off because part of the beam went past the surface; or flagged
+    /// [`Flags::EDGE`] while [`reject_edges`](crate::Options::reject_edges) is set.
     Edge,
     /// No neighbours along the stripe agree with it.
     Inconsistent,
@@ -73,11 +74,13 @@ pub enum Reject {
     NotConverged,
     /// The predicted sigma exceeds [`max_sigma_px`](crate::Options::max_sigma_px).
     Imprecise,
+    /// The line cuts a bend of the stripe so steeply that blur moves the centre by more than can be corrected.
+    Bent,
 }
 
 impl Reject {
     /// Every reason, in the order of their declaration.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::OutsideRoi,
         Self::NoSignal,
         Self::BelowThreshold,
@@ -89,6 +92,7 @@ impl Reject {
         Self::Inconsistent,
         Self::NotConverged,
         Self::Imprecise,
+        Self::Bent,
     ];
 
     /// Stable name for reports, in snake case.
@@ -105,6 +109,7 @@ impl Reject {
             Self::Inconsistent => "inconsistent",
             Self::NotConverged => "not_converged",
             Self::Imprecise => "imprecise",
+            Self::Bent => "bent",
         }
     }
 }
@@ -193,6 +198,12 @@ impl Stripe {
         self.flags.resize(lines, Flags::NONE);
         self.reject.clear();
         self.reject.resize(lines, Some(Reject::OutsideRoi));
+    }
+
+    /// Takes the position of a line out again.
+    pub(crate) fn drop_line(&mut self, line: usize, reason: Reject) {
+        self.reject[line] = Some(reason);
+        self.position_px[line] = f32::NAN;
     }
 
     /// Number of lines, with and without a position.
