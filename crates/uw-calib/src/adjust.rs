@@ -26,6 +26,11 @@ const MIN_STRIPE_POINTS: usize = 10;
 const EDGE_WIDTHS: f64 = 2.5;
 /// Blur of an edge, px.
 const EDGE_BLUR_PX: f64 = 1.0;
+/// Neighbouring stripe measurements whose errors are pooled: what they share (surface texture, an edge near by) is not white,
+/// and doesn't average out as white noise would.
+const BLOCK: usize = 16;
+/// Fewer blocks than this say nothing about their scatter.
+const LEAST_BLOCKS: usize = 30;
 /// Rounds of solving and sorting out; the sets of outliers settle in two.
 const ROUNDS: usize = 3;
 
@@ -40,7 +45,7 @@ pub fn calibrate(observations: &Observations, rig: &Rig) -> Result<Calibration, 
     let mut used = Used::all(&observations.views);
     let mut rejected = Vec::new();
     // Corners alone place camera and boards before stripes are judged by them.
-    let mut scales = Scales { corner: 1.0, stripe: 1.0 };
+    let mut scales = Scales { corner: 1.0, stripe: 1.0, stripe_pooled: 1.0 };
     let loss = Loss::Huber(HUBER_SIGMAS);
     let corners_only = Joint { rig, observations, used: &used, scales, loss, extent: Extent::CameraSide };
     state = solve(&corners_only, state)?.state;
@@ -75,7 +80,7 @@ pub fn calibrate(observations: &Observations, rig: &Rig) -> Result<Calibration, 
     statistics.rejected = rejected;
     statistics.correlated = diagnostics::most_correlated(&covariance);
     statistics.corner_scale = scales.corner;
-    statistics.stripe_scale = scales.stripe;
+    statistics.stripe_scale = scales.stripe_pooled;
     statistics.iterations = report.iterations;
     let nominal = observations.views.iter().find_map(|v| match v.outside {
         Outside::Water { laser_index, .. } => Some(laser_index),
@@ -126,20 +131,23 @@ fn estimate(observations: &Observations, state: &State, used: &Used) -> Scales {
                 .collect::<Vec<_>>()
         })
         .collect();
-    let mut stripes = Vec::new();
+    let (mut single, mut pooled) = (Vec::new(), Vec::new());
     for ((view, rows), used) in
         std::iter::zip(std::iter::zip(&observations.views, all_stripes(observations, state)), &used.stripes)
     {
         for ((stripe, rows), used) in std::iter::zip(std::iter::zip(&view.stripes, rows), used) {
-            for ((point, row), used) in std::iter::zip(std::iter::zip(&stripe.points, rows), used) {
-                if let (Some(r), true) = (row, *used) {
-                    stripes.push((r.px / point.sigma_px).powi(2));
-                }
-            }
+            let kept: Vec<f64> = std::iter::zip(std::iter::zip(&stripe.points, rows), used)
+                .filter_map(|((point, row), used)| row.filter(|_| *used).map(|r| r.px / point.sigma_px))
+                .collect();
+            single.extend(kept.iter().map(|r| r * r));
+            let sums = kept.chunks_exact(BLOCK).map(|block| block.iter().sum::<f64>());
+            pooled.extend(sums.map(|sum| sum * sum / BLOCK as f64));
         }
     }
     // Medians of chi² with two degrees of freedom and with one.
-    Scales { corner: median_scale(&mut corners, 1.386_294), stripe: median_scale(&mut stripes, 0.454_936) }
+    let stripe = median_scale(&mut single, 0.454_936);
+    let pooled = if pooled.len() < LEAST_BLOCKS { stripe } else { median_scale(&mut pooled, 0.454_936) };
+    Scales { corner: median_scale(&mut corners, 1.386_294), stripe, stripe_pooled: pooled.max(stripe) }
 }
 
 fn median_scale(squares: &mut [f64], expected: f64) -> f64 {

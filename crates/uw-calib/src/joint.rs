@@ -48,7 +48,10 @@ impl Used {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Scales {
     pub(crate) corner: f64,
+    /// Of single stripe measurements: by it outliers are told.
     pub(crate) stripe: f64,
+    /// Of neighbouring stripe measurements pooled, not below the single ones': by it they are weighted.
+    pub(crate) stripe_pooled: f64,
 }
 
 /// The adjustment as the solver sees it.
@@ -168,7 +171,7 @@ impl Model for Joint<'_> {
                 for point in self.used_points(i, k) {
                     let Crossing { pixel, slope } = search.crossing(&point.pixel).ok()?;
                     let off = seen.off_sheet(&pixel.map(Dual::constant)).ok()?;
-                    let sigma = point.sigma_px * self.scales.stripe;
+                    let sigma = point.sigma_px * self.scales.stripe_pooled;
                     // The model's place in the row moves by −(∂g/∂p)/(∂g/∂u), where g is zero.
                     let by = |j: usize| -off.eps[j] / (slope * sigma);
                     let measured = self.observations.across.index();
@@ -220,7 +223,10 @@ impl Model for Joint<'_> {
                     let mut sum = 0.0;
                     for point in self.used_points(i, k) {
                         let off = search.crossing(&point.pixel).ok()?.pixel[measured] - point.pixel[measured];
-                        sum += self.loss.evaluate((off / (point.sigma_px * self.scales.stripe)).powi(2)).0;
+                        sum += self
+                            .loss
+                            .evaluate((off / (point.sigma_px * self.scales.stripe_pooled)).powi(2))
+                            .0;
                     }
                     Some(sum)
                 }
@@ -334,7 +340,8 @@ pub(crate) struct Solved {
 
 /// The minimum that descent from `start` leads to.
 pub(crate) fn solve(problem: &Joint<'_>, start: State) -> Result<Solved, LmError> {
-    let options = Options { max_iterations: 60, tolerance_sigmas: 1e-4, ..Options::default() };
+    // Little damping: it slows the nearly undetermined directions (fan tilt against axis), and starts are good.
+    let options = Options { max_iterations: 60, lambda: 1e-9, tolerance_sigmas: 1e-3 };
     let solution = lm::solve(problem, start, &options)?;
     let covariance = solution.normal.covariance()?;
     Ok(Solved { state: solution.state, covariance, report: solution.report })
