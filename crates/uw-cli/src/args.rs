@@ -31,7 +31,7 @@ pub struct Cli {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "General options")]
 pub struct Global {
-    /// Say more: every figure, every lost or rejected image
+    /// Say more: name every lost, rejected and badly fitting image
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     pub verbose: u8,
     /// Say less: no progress; given twice, no warnings either

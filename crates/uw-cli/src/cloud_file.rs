@@ -44,11 +44,6 @@ impl CloudFile {
             .try_map(|path| Self::new(&path).ok_or(format!("a point cloud's name ends in {ENDINGS}")))
     }
 
-    /// Whether the file is text whatever the encoding that is asked for.
-    pub fn is_text(&self) -> bool {
-        matches!(self.format, Format::Text(_))
-    }
-
     /// The cloud in the file, with warnings about what had to be assumed.
     ///
     /// # Errors

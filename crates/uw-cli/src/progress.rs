@@ -1,15 +1,16 @@
 //! How far the work has come: a bar with rate and time left on a terminal, plain lines elsewhere.
 
 use std::{
+    fmt::Write,
     sync::{Mutex, PoisonError},
     time::{Duration, Instant},
 };
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 use crate::console::Console;
 
-const BAR: &str = "{prefix:>11} [{bar:30}] {pos}/{len} {per_sec}, {eta} left";
+const BAR: &str = "{prefix:>11} [{bar:30}] {pos}/{len} {rate}, {eta} left";
 /// A stage without steps to count.
 const SPINNER: &str = "{prefix:>11} {spinner} {elapsed}";
 /// How often a plain line is written, and a spinner turned.
@@ -41,16 +42,22 @@ impl<'c> Progress<'c> {
         *stage = next;
     }
 
+    /// A stage drawn on the terminal.
     fn bar(name: &str, total: usize) -> Stage {
         let bar = ProgressBar::new(total as u64).with_prefix(name.to_owned());
         let template = if total > 1 { BAR } else { SPINNER };
         // A template that can't be read would be a bar in the default style, not a reason to stop.
         if let Ok(style) = ProgressStyle::with_template(template) {
-            bar.set_style(style.progress_chars("=> "));
+            bar.set_style(style.progress_chars("=> ").with_key("rate", rate));
         }
         bar.enable_steady_tick(TURN_EVERY);
         Stage::Bar(bar)
     }
+}
+
+fn rate(state: &ProgressState, to: &mut dyn Write) {
+    // The bar's own text can always be written.
+    _ = write!(to, "{:.1}/s", state.per_sec());
 }
 
 impl uwscan::pipeline::Progress for Progress<'_> {
