@@ -5,8 +5,8 @@ const MAX_SIDE: usize = 500;
 
 /// A planar chessboard, described by its inner corners (where four squares meet).
 ///
-/// Board frame: origin at corner (0, 0), x along a row of corners, y along a column, z = x × y away from a camera that
-/// sees the printed side (labels run clockwise from x to y in the image), millimetres.
+/// Board frame: origin at corner (0, 0), x along a row of corners, y along a column, z = x × y away from a
+/// camera that sees the printed side (labels run clockwise from x to y in the image), millimetres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Chessboard {
     inner_cols: usize,

@@ -1,8 +1,8 @@
 //! Points that may be corners, from the `chess-corners` crate.
 //!
-//! The crate takes 8 bits, so the image is stretched to them; the loss does not matter, because positions are fitted on the original.
-//! Its own positions are good to 0.03–0.06 px and its covariance has a built-in floor of 0.053 px from one pair of cameras; both are left
-//! out.
+//! The crate takes 8 bits, so the image is stretched to them; the loss does not matter, because positions are
+//! fitted on the original. Its own positions are good to 0.03–0.06 px and its covariance has a built-in floor
+//! of 0.053 px from one pair of cameras; both are left out.
 
 use chess_corners::{ChessError, CornerDescriptor, Detector, DetectorConfig};
 
@@ -24,7 +24,8 @@ pub(crate) enum Attempt {
 pub(crate) const ATTEMPTS: [Attempt; 4] =
     [Attempt::Plain, Attempt::Evened, Attempt::Reduced(2), Attempt::Reduced(4)];
 
-/// More candidates than this are texture; the strongest are kept. Bounds the time, which grows with their square.
+/// More candidates than this are texture; the strongest are kept. Bounds the time, which grows with their
+/// square.
 const MAX_CANDIDATES: usize = 3000;
 /// Px; three times the detector's ring, so that it has somewhere to stand.
 const MIN_SIDE_PX: usize = 16;

@@ -43,11 +43,12 @@ pub enum CaptureError {
     },
 }
 
-/// Returns the detections and rejections of a capture unchanged once one image has shown the whole declared board: only then does a
-/// partial view count, because a smaller board, or a part of a larger one, would look the same.
+/// Returns the detections and rejections of a capture unchanged once one image has shown the whole declared
+/// board: only then does a partial view count, because a smaller board, or a part of a larger one, would look
+/// the same.
 ///
-/// Where more images show a larger board than the declared one, those that show exactly the declared size are parts
-/// of it, and the declaration is wrong.
+/// Where more images show a larger board than the declared one, those that show exactly the declared size are
+/// parts of it, and the declaration is wrong.
 ///
 /// # Errors
 /// [`CaptureError`], naming the size that was seen.
@@ -79,7 +80,8 @@ pub fn label_capture(
     })
 }
 
-/// The size that occurs most often (of equals, the largest) and how often, with its longer side where the declared one is.
+/// The size that occurs most often (of equals, the largest) and how often, with its longer side where the
+/// declared one is.
 fn most_frequent(sizes: &[[usize; 2]], declared: [usize; 2]) -> Option<([usize; 2], usize)> {
     let oriented = |[a, b]: [usize; 2]| {
         if declared[0] >= declared[1] { [a.max(b), a.min(b)] } else { [a.min(b), a.max(b)] }

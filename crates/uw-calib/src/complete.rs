@@ -1,4 +1,5 @@
-//! From a lattice of candidates to accurate corners: sub-pixel fits, growth into gaps, removal of what does not belong.
+//! From a lattice of candidates to accurate corners: sub-pixel fits, growth into gaps, removal of what does
+//! not belong.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -10,13 +11,15 @@ use crate::view::GreyView;
 /// Labelled corners by place. Ordered, so that results do not depend on a hash.
 pub(crate) type Corners = BTreeMap<Place, Saddle>;
 
-/// Neighbours from which a corner is predicted; twice as many as a homography needs, few enough to follow the lens.
+/// Neighbours from which a corner is predicted; twice as many as a homography needs, few enough to follow the
+/// lens.
 const NEIGHBOURS: usize = 12;
 /// Share of the distance to the next parallel edge that the window reaches: that edge's blur stays outside.
 const WINDOW_SHARE: f64 = 0.42;
 /// Px; less holds too few pixels for the fit.
 const MIN_RADIUS_PX: f64 = 3.0;
-/// Px; beyond this the edges' length gains little, and light and lens vary in ways that the fit does not know.
+/// Px; beyond this the edges' length gains little, and light and lens vary in ways that the fit does not
+/// know.
 const MAX_RADIUS_PX: f64 = 12.0;
 /// Share of the pitch by which a corner may differ from its neighbours' prediction.
 const MAX_OFFSET: f64 = 0.2;
@@ -87,9 +90,9 @@ fn predict(place: Place, others: impl Iterator<Item = (Place, [f64; 2])>) -> Opt
     let pairs: Vec<_> = others.iter().take(NEIGHBOURS).map(|(_, d, pixel)| (*d, *pixel)).collect();
     let h = homography(&pairs)?;
     let pixel = apply(&h, [0.0, 0.0])?;
-    let step = |a: [f64; 2], b: [f64; 2]| Some([a[0] - b[0], a[1] - b[1]]);
-    let dx = step(apply(&h, [0.5, 0.0])?, apply(&h, [-0.5, 0.0])?)?;
-    let dy = step(apply(&h, [0.0, 0.5])?, apply(&h, [0.0, -0.5])?)?;
+    let step = |a: [f64; 2], b: [f64; 2]| [a[0] - b[0], a[1] - b[1]];
+    let dx = step(apply(&h, [0.5, 0.0])?, apply(&h, [-0.5, 0.0])?);
+    let dy = step(apply(&h, [0.0, 0.5])?, apply(&h, [0.0, -0.5])?);
     // A lattice turns from u towards v; anything else is a homography gone wrong.
     (dx[0] * dy[1] - dx[1] * dy[0] > 0.0).then_some(Prediction { pixel, dx, dy })
 }
@@ -112,7 +115,8 @@ fn measure(
     let saddle = saddle::fit(view, &Seed { pixel, angles, curvatures, radius })?;
     let offset = [0, 1].map(|i| saddle.pixel[i] - prediction.pixel[i]);
     let turned = [0, 1].map(|k| (saddle.angles[k] - angles[k]).abs());
-    // Where the sum of the indices is even, the sector from +x to +y is dark: the lattice's first corner says so.
+    // Where the sum of the indices is even, the sector from +x to +y is dark: the lattice's first corner says
+    // so.
     let bright = (place[0] + place[1]).rem_euclid(2) == 1;
     let fits = offset[0].hypot(offset[1]) < MAX_OFFSET * prediction.pitch()
         && turned.iter().all(|t| *t < MAX_TURN)

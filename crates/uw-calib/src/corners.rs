@@ -1,7 +1,7 @@
 //! Finds a declared chessboard in one image.
 //!
-//! Candidates come from 8 bits ([`crate::candidates`]), labels from their lattice ([`crate::grid`]), positions from a fit on the
-//! image itself with all its bits ([`crate::saddle`]).
+//! Candidates come from 8 bits ([`crate::candidates`]), labels from their lattice ([`crate::grid`]),
+//! positions from a fit on the image itself with all its bits ([`crate::saddle`]).
 
 use nalgebra::Matrix2;
 
@@ -24,14 +24,15 @@ pub struct BoardCorner {
 
 /// A chessboard found in one image.
 ///
-/// Labels run so that x (columns) to y (rows) turns clockwise in the image. Of the rotations that are left, the whole
-/// board takes one of the two that match its sides, a partial view has its own origin: the pose of the board absorbs both.
+/// Labels run so that x (columns) to y (rows) turns clockwise in the image. Of the rotations that are left,
+/// the whole board takes one of the two that match its sides, a partial view has its own origin: the pose of
+/// the board absorbs both.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Detection {
     /// The corners, by rows.
     pub corners: Vec<BoardCorner>,
-    /// Whether the whole declared board was seen: all four of its outermost lines, each at least half. Single corners may be missing
-    /// (glare, or a board whose corner square is left white).
+    /// Whether the whole declared board was seen: all four of its outermost lines, each at least half. Single
+    /// corners may be missing (glare, or a board whose corner square is left white).
     pub full: bool,
     /// Number of columns and rows between the outermost corners, both included.
     pub seen: [usize; 2],
@@ -70,8 +71,8 @@ const MIN_CORNERS: usize = 9;
 
 /// Returns the corners of `board` in the image, or why it is not in it.
 ///
-/// Tried in turn, until the whole board is found: the image as it is, with its brightness evened out, and at half and
-/// quarter size (blur). Otherwise the largest part counts.
+/// Tried in turn, until the whole board is found: the image as it is, with its brightness evened out, and at
+/// half and quarter size (blur). Otherwise the largest part counts.
 ///
 /// # Errors
 /// [`Rejection`]: the reason, for the report on this image.
@@ -115,7 +116,8 @@ fn label(mut corners: Corners, board: &Chessboard) -> Result<Detection, Rejectio
     }
     let local =
         corners.into_iter().map(|([x, y], saddle)| ([(x - min[0]) as usize, (y - min[1]) as usize], saddle));
-    // Four rotations of the labels, none mirrored; of those that fit, the one whose columns run most to the right.
+    // Four rotations of the labels, none mirrored; of those that fit, the one whose columns run most to the
+    // right.
     let mut labelled: Vec<([usize; 2], _)> = local.collect();
     let [cols, rows] = seen;
     let mut choices = Vec::new();
@@ -166,8 +168,8 @@ fn extent(corners: &Corners) -> (Place, [usize; 2]) {
     ([x, y], [cols, rows])
 }
 
-/// Where more is seen than was declared, an outermost line that is mostly empty is background that happens to continue
-/// the lattice, not a row of the board.
+/// Where more is seen than was declared, an outermost line that is mostly empty is background that happens to
+/// continue the lattice, not a row of the board.
 fn drop_stray_borders(corners: &mut Corners, declared: [usize; 2]) {
     let (long, short) = (declared[0].max(declared[1]), declared[0].min(declared[1]));
     loop {

@@ -1,10 +1,10 @@
 //! Labels corner candidates with their place in a chessboard's lattice.
 //!
-//! Each candidate knows the directions of its two edges, ordered so that the sector from the first to the second is dark. Going along
-//! an edge to the next corner, dark and bright swap sides: what was a first axis there is a second axis here. Candidates
-//! are linked where both agree on that and are each other's nearest in that direction; links that close a square of
-//! four are trusted and walked. This needs no model of the lens, so distortion and refraction don't matter, and background texture
-//! rarely closes a square.
+//! Each candidate knows the directions of its two edges, ordered so that the sector from the first to the
+//! second is dark. Going along an edge to the next corner, dark and bright swap sides: what was a first axis
+//! there is a second axis here. Candidates are linked where both agree on that and are each other's nearest
+//! in that direction; links that close a square of four are trusted and walked. This needs no model of the
+//! lens, so distortion and refraction don't matter, and background texture rarely closes a square.
 
 use std::collections::{HashMap, VecDeque};
 
@@ -13,15 +13,17 @@ use std::collections::{HashMap, VecDeque};
 pub(crate) struct Candidate {
     /// Position, px.
     pub pixel: [f64; 2],
-    /// Directions of the edges, radians from u towards v, second = first + (0, π), the sector between them dark.
+    /// Directions of the edges, radians from u towards v, second = first + (0, π), the sector between them
+    /// dark.
     pub axes: [f64; 2],
 }
 
 /// Place in the lattice, of any origin and one of four rotations; x to y turns from u towards v.
 pub(crate) type Place = [i32; 2];
 
-/// How far a neighbour's direction, or its axis, may differ from this corner's axis. Bent by strong distortion, edges of one square
-/// differ by some 5°; the axes' own error on small or blurred squares is of the same size.
+/// How far a neighbour's direction, or its axis, may differ from this corner's axis. Bent by strong
+/// distortion, edges of one square differ by some 5°; the axes' own error on small or blurred squares is of
+/// the same size.
 const ANGLE_TOLERANCE: f64 = 0.35;
 /// Px; closer candidates are the same corner twice.
 const MIN_DISTANCE_PX: f64 = 3.0;
@@ -47,8 +49,8 @@ pub(crate) fn lattices(candidates: &[Candidate]) -> Vec<HashMap<Place, usize>> {
     lattices
 }
 
-/// Nearest candidate in each direction whose axes fit. Direction 0 and 1 of a corner lead along its axes, 2 and 3 against
-/// them, in order of rising angle.
+/// Nearest candidate in each direction whose axes fit. Direction 0 and 1 of a corner lead along its axes, 2
+/// and 3 against them, in order of rising angle.
 fn nearest_links(candidates: &[Candidate]) -> Vec<[Link; 4]> {
     let units: Vec<[[f64; 2]; 2]> =
         candidates.iter().map(|c| c.axes.map(|angle| [angle.cos(), angle.sin()])).collect();

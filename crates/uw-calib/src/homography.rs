@@ -2,13 +2,13 @@
 
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
-/// Below this ratio of the second-smallest to the largest singular value of the normalised equations, more than one homography
-/// fits: the points are (nearly) on a line, or too few are distinct.
+/// Below this ratio of the second-smallest to the largest singular value of the normalised equations, more
+/// than one homography fits: the points are (nearly) on a line, or too few are distinct.
 const RANK_RATIO: f64 = 1e-7;
 
 /// Returns the homography H, to ~ H from, that is closest in the algebraic sense after normalisation of both
-/// point sets (Hartley, "In defense of the eight-point algorithm", 1997), with |H| = 1 in the Frobenius sense; `None` for fewer
-/// than four pairs or a degenerate arrangement.
+/// point sets (Hartley, "In defense of the eight-point algorithm", 1997), with |H| = 1 in the Frobenius
+/// sense; `None` for fewer than four pairs or a degenerate arrangement.
 #[must_use]
 pub fn homography(pairs: &[([f64; 2], [f64; 2])]) -> Option<Matrix3<f64>> {
     let finite = pairs.iter().all(|(p, q)| p.iter().chain(q).all(|x| x.is_finite()));

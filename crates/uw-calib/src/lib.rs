@@ -2,6 +2,7 @@
 
 pub mod lm;
 mod normal;
+mod schur;
 
 mod adjust;
 mod calibration;
@@ -9,6 +10,7 @@ mod data;
 mod diagnostics;
 mod error;
 mod joint;
+mod paper;
 mod parameters;
 mod priors;
 mod sheets;
@@ -19,29 +21,27 @@ pub use adjust::calibrate;
 pub use calibration::{Calibration, CorrelatedPair, Method, Rejected, Statistics, WorstImage};
 pub use data::{Across, BoardView, CornerPoint, Observations, Outside, Priors, Rig, StripePoint, StripeView};
 pub use error::CalibError;
+pub use paper::calibrate_by_paper;
 pub use parameters::{Coordinate, GLOBALS, Instrument, NAMES, Quantity, quantities, variance};
 pub use sheets::{VoltagePlane, axis_of, robust_plane};
 
 mod board;
+mod bundle;
 mod candidates;
+mod capture;
 mod complete;
 mod corners;
 mod grid;
 mod homography;
+mod pinhole;
 mod saddle;
 mod view;
-
-pub use board::{BoardError, Chessboard};
-pub use corners::{BoardCorner, Detection, Rejection, detect};
-pub use homography::{apply as apply_homography, homography};
-pub use view::{GreyView, Layout, Samples, ViewError};
-
-mod capture;
-
-pub use capture::{CaptureError, label_capture};
-
-mod pinhole;
 mod zhang;
 
+pub use board::{BoardError, Chessboard};
+pub use capture::{CaptureError, label_capture};
+pub use corners::{BoardCorner, Detection, Rejection, detect};
+pub use homography::{apply as apply_homography, homography};
 pub use pinhole::{PINHOLE_NAMES, Pinhole, PinholeOptions, calibrate_pinhole};
+pub use view::{GreyView, Layout, Samples, ViewError};
 pub use zhang::closed_form;

@@ -1,11 +1,12 @@
-//! Levenberg–Marquardt over shared parameters and poses: the loop; the algebra is in [`crate::normal`].
+//! Levenberg–Marquardt over shared parameters and poses: the loop; the algebra is in `normal` and `schur`.
 //!
-//! The state and how a step changes it belong to the caller ([`Model`]); derivatives are by the local parameters of
-//! [`Model::retract`] at zero. Damping is Marquardt's, λ diag(H), so that units of parameters do not matter, with
-//! Nielsen's update of λ by the gain ratio (Madsen, Nielsen, Tingleff, "Methods for non-linear least squares
-//! problems", 2004, Eq 2.21).
+//! The state and how a step changes it belong to the caller ([`Model`]); derivatives are by the local
+//! parameters of [`Model::retract`] at zero. Damping is Marquardt's, λ diag(H), so that units of parameters
+//! do not matter, with Nielsen's update of λ by the gain ratio (Madsen, Nielsen, Tingleff, "Methods for
+//! non-linear least squares problems", 2004, Eq 2.21).
 
-pub use crate::normal::{Covariance, Loss, Normal, Row, Shape, Step, Unknown};
+pub use crate::normal::{Loss, Normal, Row, Shape, Step, Unknown};
+pub use crate::schur::Covariance;
 
 /// A least-squares problem as the solver sees it. Residuals are whitened (in sigmas).
 pub trait Model {
@@ -15,10 +16,12 @@ pub trait Model {
     /// Returns the number of unknowns, the same for every state.
     fn shape(&self) -> Shape;
 
-    /// Returns the normal equations at `state`, or `None` where the model is not defined (behind the camera, total reflection).
+    /// Returns the normal equations at `state`, or `None` where the model is not defined (behind the camera,
+    /// total reflection).
     fn linearize(&self, state: &Self::State) -> Option<Normal>;
 
-    /// Returns Σρ at `state`, the value of [`Normal::cost`]; override it where it is cheaper without derivatives.
+    /// Returns Σρ at `state`, the value of [`Normal::cost`]; override it where it is cheaper without
+    /// derivatives.
     fn cost(&self, state: &Self::State) -> Option<f64> {
         self.linearize(state).map(|normal| normal.cost())
     }
@@ -53,8 +56,8 @@ pub enum Stop {
     Rounding,
     /// The limit of iterations was met first: the state is the best so far, not a minimum.
     Iterations,
-    /// Steps stopped to decrease the cost though the model promised more: derivatives and residuals disagree, or the
-    /// minimum lies at the edge of the model's domain.
+    /// Steps stopped to decrease the cost though the model promised more: derivatives and residuals disagree,
+    /// or the minimum lies at the edge of the model's domain.
     Stalled,
 }
 
@@ -128,7 +131,8 @@ pub fn solve<M: Model>(model: &M, start: M::State, options: &Options) -> Result<
     let mut lambda = options.lambda.max(LAMBDA_MIN);
     let mut iterations = 1;
     loop {
-        // −gᵀδ of the undamped step is its squared length in sigmas; a singular matrix has no such length yet.
+        // −gᵀδ of the undamped step is its squared length in sigmas; a singular matrix has no such length
+        // yet.
         let remaining_sigmas = normal.solve(0.0).map_or(f64::INFINITY, |full| full.decrease.max(0.0).sqrt());
         let end = |stop| Report { iterations, cost_start, cost: normal.cost(), remaining_sigmas, stop };
         if remaining_sigmas <= options.tolerance_sigmas {

@@ -1,14 +1,14 @@
-//! A camera without windows from views of a plane: the paper's camera (S1), and the check on photographs taken in air without a
-//! housing.
+//! A camera without windows from views of a plane: the paper's camera (S1), and the check on photographs
+//! taken in air without a housing.
 
-use crate::data::{BoardView, CornerPoint};
+use crate::bundle::{Bundle, MAX_MODEL_PX, Spread, State};
+use crate::data::BoardView;
 use crate::error::CalibError;
-use crate::lm::{self, LmError, Loss, Model, Normal, Options, Report, Row, Shape, Step, Unknown};
-use crate::sight::{Pose, moved_pose};
+use crate::lm::{self, LmError, Loss, Options, Report, Unknown};
 use crate::zhang;
-use nalgebra::{DMatrix, Matrix2, Vector2};
+use nalgebra::DMatrix;
 use uw_geom::frame::{Board, Camera as CameraFrame};
-use uw_geom::{Camera, Distortion, Dual, Real, Rigid};
+use uw_geom::{Camera, Rigid};
 
 /// Fewest views: two determine a camera only with its principal point known.
 const MIN_VIEWS: usize = 3;
@@ -18,12 +18,8 @@ const MAX_FOCAL_SIGMA: f64 = 0.1;
 const PARALLEL_DEG: f64 = 5.0;
 /// Threshold of the robust loss while outliers are not yet known, sigmas.
 const HUBER_SIGMAS: f64 = 2.5;
-/// Residuals beyond this many sigmas are outliers: one corner in 10⁵ by chance (chi² with two degrees of freedom).
-const OUTLIER_SIGMAS: f64 = 4.8;
 /// Rounds of solving and weighing; weights settle in three.
 const ROUNDS: usize = 4;
-/// Px; a model can be wrong by no more than this and still be worth weighing.
-const MAX_MODEL_PX: f64 = 100.0;
 
 /// Names of [`Pinhole::covariance`]'s rows.
 pub const PINHOLE_NAMES: [&str; 9] = ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"];
@@ -44,14 +40,15 @@ pub struct Pinhole {
     pub camera: Camera,
     /// `camera_from_board`, one a view, mm.
     pub poses: Vec<Rigid<CameraFrame, Board>>,
-    /// Covariance of the camera's figures in the order of [`PINHOLE_NAMES`]; zero for k₃ where it was left out.
+    /// Covariance of the camera's figures in the order of [`PINHOLE_NAMES`]; zero for k₃ where it was left
+    /// out.
     pub covariance: DMatrix<f64>,
     /// Root mean square distance between corners seen and predicted, px, of all corners that were kept.
     pub rms_px: f64,
     /// The same for each view.
     pub view_rms_px: Vec<f64>,
-    /// Standard deviation by axis, px, that had to be added to the corners' own covariances to explain the residuals: what the board's
-    /// print and the lens model leave. Estimated.
+    /// Standard deviation by axis, px, that had to be added to the corners' own covariances to explain the
+    /// residuals: what the board's print and the lens model leave. Estimated.
     pub model_sigma_px: f64,
     /// Corners left out as outliers: (view, index into its corners).
     pub outliers: Vec<(usize, usize)>,
@@ -70,12 +67,13 @@ impl Pinhole {
 /// Returns the camera and the poses that explain all corners best, by a bundle adjustment from `start` (see
 /// [`crate::closed_form`]).
 ///
-/// Each corner counts by its own covariance plus one variance common to all, which is estimated from the residuals; corners that lie more
-/// than 4.8 sigmas off are left out. Windows are not modelled and what is outside does not matter.
+/// Each corner counts by its own covariance plus one variance common to all, which is estimated from the
+/// residuals; corners that lie more than 4.8 sigmas off are left out. Windows are not modelled and what is
+/// outside does not matter.
 ///
 /// # Errors
-/// [`CalibError::TooFewPoses`], [`CalibError::Pose`], [`CalibError::ParallelBoards`] (also when the
-/// focal length stays uncertain by a tenth), [`CalibError::NotConverged`], [`CalibError::Adjustment`].
+/// [`CalibError::TooFewPoses`], [`CalibError::Pose`], [`CalibError::ParallelBoards`] (also when the focal
+/// length stays uncertain by a tenth), [`CalibError::NotConverged`], [`CalibError::Adjustment`].
 pub fn calibrate_pinhole(
     views: &[BoardView],
     start: &Camera,
@@ -104,12 +102,13 @@ pub fn calibrate_pinhole(
         model_variance: 0.0,
         loss: Loss::Squared,
     };
-    // The first solve weighs all corners alike, whatever they say of themselves: the model is not yet known to fit.
+    // The first solve weighs all corners alike, whatever they say of themselves: the model is not yet known
+    // to fit.
     bundle.model_variance = MAX_MODEL_PX.powi(2);
     let mut solved = None;
     for round in 0..ROUNDS {
         let solution = lm::solve(&bundle, state, &Options::default())
-            .map_err(|error| undetermined(error, views, &bundle, start))?;
+            .map_err(|error| undetermined(error, &bundle, start))?;
         state = solution.state.clone();
         solved = Some(solution);
         if round + 1 < ROUNDS {
@@ -125,19 +124,19 @@ pub fn calibrate_pinhole(
     let Some(solution) = solved else {
         return Err(CalibError::TooFewPoses { needed: MIN_VIEWS, got: 0 });
     };
-    bundle.finish(solution)
+    finish(&bundle, solution)
 }
 
 /// A camera of which a figure is not determined at all sees its boards parallel.
-fn undetermined(error: LmError, views: &[BoardView], bundle: &Bundle<'_>, start: &Camera) -> CalibError {
+fn undetermined(error: LmError, bundle: &Bundle<'_>, camera: &Camera) -> CalibError {
     match error {
         LmError::Singular { unknown: Unknown::Global(_), .. } => {
-            let poses: Vec<_> = bundle.views.iter().filter_map(|view| zhang::pose(view, start)).collect();
+            let poses: Vec<_> = bundle.views.iter().filter_map(|view| zhang::pose(view, camera)).collect();
             CalibError::ParallelBoards { spread_deg: spread_deg(&poses) }
         }
-        LmError::Singular { unknown: Unknown::Pose(index), .. } => {
-            CalibError::Pose { file: views.get(index).map_or_else(String::new, |view| view.file.clone()) }
-        }
+        LmError::Singular { unknown: Unknown::Pose(index), .. } => CalibError::Pose {
+            file: bundle.views.get(index).map_or_else(String::new, |view| view.file.clone()),
+        },
         other => CalibError::Adjustment(other),
     }
 }
@@ -154,257 +153,66 @@ fn spread_deg(poses: &[Rigid<CameraFrame, Board>]) -> f64 {
     sine.min(1.0).asin().to_degrees()
 }
 
-#[derive(Debug, Clone)]
-struct State {
-    camera: Camera,
-    poses: Vec<Rigid<CameraFrame, Board>>,
-}
-
-struct Bundle<'a> {
-    views: &'a [BoardView],
-    used: Vec<Vec<bool>>,
-    options: PinholeOptions,
-    model_variance: f64,
-    loss: Loss,
-}
-
-/// Which property of the whitened residuals is brought to its expectation.
-#[derive(Clone, Copy)]
-enum Spread {
-    /// Outliers don't count.
-    Median,
-    /// Degrees of freedom do.
-    Mean,
-}
-
-type Number = Dual<15>;
-
-/// The camera with its nine figures as the first nine variables.
-fn variables(camera: &Camera) -> Camera<Number> {
-    let d = camera.distortion;
-    Camera {
-        fx: Number::variable(camera.fx, 0),
-        fy: Number::variable(camera.fy, 1),
-        cx: Number::variable(camera.cx, 2),
-        cy: Number::variable(camera.cy, 3),
-        distortion: Distortion {
-            k1: Number::variable(d.k1, 4),
-            k2: Number::variable(d.k2, 5),
-            p1: Number::variable(d.p1, 6),
-            p2: Number::variable(d.p2, 7),
-            k3: Number::variable(d.k3, 8),
-        },
-    }
-}
-
-impl Bundle<'_> {
-    /// Of each unknown of the solver, which of the nine figures it moves.
-    fn moves(&self) -> Vec<Vec<usize>> {
-        let mut moves = if self.options.equal_focal { vec![vec![0, 1]] } else { vec![vec![0], vec![1]] };
-        moves.extend((2..8).map(|i| vec![i]));
-        if !self.options.without_k3 {
-            moves.push(vec![8]);
-        }
-        moves
-    }
-
-    /// L⁻¹ of the corner's covariance with the model's share.
-    fn whitening(&self, corner: &CornerPoint) -> Option<Matrix2<f64>> {
-        (corner.covariance + Matrix2::identity() * self.model_variance).cholesky()?.l().try_inverse()
-    }
-
-    fn residual(&self, state: &State, view: usize, corner: &CornerPoint) -> Option<Vector2<f64>> {
-        let point = state.poses[view].transform_point(&corner.board_mm.push(0.0));
-        Some(state.camera.project(&point).ok()? - corner.pixel)
-    }
-
-    /// Residuals of the corners in use, with the corner.
-    fn residuals<'b>(&'b self, state: &'b State) -> impl Iterator<Item = (Vector2<f64>, &'b CornerPoint)> {
-        self.views.iter().enumerate().flat_map(move |(v, view)| {
-            view.corners
-                .iter()
-                .zip(&self.used[v])
-                .filter_map(move |(c, used)| self.residual(state, v, c).filter(|_| *used).map(|r| (r, c)))
+fn finish(bundle: &Bundle<'_>, solution: lm::Solution<State>) -> Result<Pinhole, CalibError> {
+    let lm::Solution { state, normal, report } = solution;
+    let rms: Vec<(f64, usize)> = (0..bundle.views.len())
+        .map(|v| {
+            let corners = bundle.views[v].corners.iter().zip(&bundle.used[v]).filter(|(_, used)| **used);
+            corners
+                .filter_map(|(c, _)| bundle.residual(&state, v, c))
+                .fold((0.0, 0), |(sum, n), r| (sum + r.norm_squared(), n + 1))
         })
+        .collect();
+    let view_rms_px: Vec<f64> = rms.iter().map(|(sum, n)| (sum / (*n).max(1) as f64).sqrt()).collect();
+    let spread_deg = spread_deg(&state.poses);
+    if !report.converged() && spread_deg < PARALLEL_DEG {
+        return Err(CalibError::ParallelBoards { spread_deg });
     }
-
-    /// The variance that, added to the corners' own, makes the residuals as large as expected; zero where they are
-    /// small enough without.
-    fn estimate_variance(&self, state: &State, spread: Spread) -> f64 {
-        let residuals: Vec<_> = self.residuals(state).collect();
-        let freedom = 2.0 * residuals.len() as f64 - (self.moves().len() + 6 * self.views.len()) as f64;
-        let excess = |variance: f64| {
-            let squares = residuals.iter().map(|(r, c)| {
-                let covariance = c.covariance + Matrix2::identity() * variance;
-                covariance.try_inverse().map_or(0.0, |inverse| r.dot(&(inverse * r)))
-            });
-            match spread {
-                Spread::Mean => squares.sum::<f64>() > freedom,
-                Spread::Median => {
-                    let mut squares: Vec<f64> = squares.collect();
-                    squares.sort_by(f64::total_cmp);
-                    // Median of chi² with two degrees of freedom: 2 ln 2.
-                    squares.get(squares.len() / 2).is_some_and(|m| *m > 2.0 * std::f64::consts::LN_2)
-                }
-            }
-        };
-        if !excess(0.0) {
-            return 0.0;
-        }
-        // Bisection over the standard deviation's logarithm: 60 halvings of 14 decades exhaust a double.
-        let (mut low, mut high) = (1e-12_f64.ln(), MAX_MODEL_PX.ln());
-        for _ in 0..60 {
-            let middle = 0.5 * (low + high);
-            if excess((2.0 * middle).exp()) { low = middle } else { high = middle }
-        }
-        (2.0 * high).exp()
+    if !report.converged() {
+        let worst = view_rms_px.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
+        let worst_file = worst.map_or_else(String::new, |(v, _)| bundle.views[v].file.clone());
+        return Err(CalibError::NotConverged { iterations: report.iterations, worst_file });
     }
-
-    fn drop_outliers(&mut self, state: &State) {
-        let kept = |v: usize, corner: &CornerPoint| {
-            let whitened = self.residual(state, v, corner).zip(self.whitening(corner)).map(|(r, w)| w * r);
-            whitened.is_some_and(|w| w.norm() < OUTLIER_SIGMAS)
-        };
-        let views = self.views.iter().enumerate();
-        self.used = views.map(|(v, view)| view.corners.iter().map(|c| kept(v, c)).collect()).collect();
-    }
-
-    fn finish(&self, solution: lm::Solution<State>) -> Result<Pinhole, CalibError> {
-        let lm::Solution { state, normal, report } = solution;
-        let rms: Vec<(f64, usize)> = (0..self.views.len())
-            .map(|v| {
-                let corners = self.views[v].corners.iter().zip(&self.used[v]).filter(|(_, used)| **used);
-                corners
-                    .filter_map(|(c, _)| self.residual(&state, v, c))
-                    .fold((0.0, 0), |(sum, n), r| (sum + r.norm_squared(), n + 1))
-            })
-            .collect();
-        let view_rms_px: Vec<f64> = rms.iter().map(|(sum, n)| (sum / (*n).max(1) as f64).sqrt()).collect();
-        let spread_deg = spread_deg(&state.poses);
-        if !report.converged() && spread_deg < PARALLEL_DEG {
-            return Err(CalibError::ParallelBoards { spread_deg });
-        }
-        if !report.converged() {
-            let worst = view_rms_px.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
-            let worst_file = worst.map_or_else(String::new, |(v, _)| self.views[v].file.clone());
-            return Err(CalibError::NotConverged { iterations: report.iterations, worst_file });
-        }
-        let solved = normal
-            .covariance()
-            .map_err(|error| undetermined(error, self.views, self, &state.camera))?
-            .globals;
-        let moves = self.moves();
-        let mut covariance = DMatrix::zeros(9, 9);
-        for (i, a) in moves.iter().enumerate() {
-            for (j, b) in moves.iter().enumerate() {
-                for (&row, &col) in a.iter().flat_map(|row| b.iter().map(move |col| (row, col))) {
-                    covariance[(row, col)] = solved[(i, j)];
-                }
+    let solved = normal.covariance().map_err(|error| undetermined(error, bundle, &state.camera))?.globals;
+    let moves = bundle.moves();
+    let mut covariance = DMatrix::zeros(9, 9);
+    for (i, a) in moves.iter().enumerate() {
+        for (j, b) in moves.iter().enumerate() {
+            for (&row, &col) in a.iter().flat_map(|row| b.iter().map(move |col| (row, col))) {
+                covariance[(row, col)] = solved[(i, j)];
             }
         }
-        if covariance[(0, 0)].sqrt() > MAX_FOCAL_SIGMA * state.camera.fx {
-            return Err(CalibError::ParallelBoards { spread_deg });
-        }
-        let (sum, count) = rms.iter().fold((0.0, 0), |(s, n), (t, m)| (s + t, n + m));
-        let outliers = self
-            .used
-            .iter()
-            .enumerate()
-            .flat_map(|(v, used)| {
-                used.iter().enumerate().filter(|(_, used)| !**used).map(move |(c, _)| (v, c))
-            })
-            .collect();
-        Ok(Pinhole {
-            camera: state.camera,
-            poses: state.poses,
-            covariance,
-            rms_px: (sum / count.max(1) as f64).sqrt(),
-            view_rms_px,
-            model_sigma_px: self.model_variance.sqrt(),
-            outliers,
-            report,
-        })
     }
-}
-
-impl Model for Bundle<'_> {
-    type State = State;
-
-    fn shape(&self) -> Shape {
-        Shape { globals: self.moves().len(), poses: self.views.len() }
+    if covariance[(0, 0)].sqrt() > MAX_FOCAL_SIGMA * state.camera.fx {
+        return Err(CalibError::ParallelBoards { spread_deg });
     }
-
-    fn linearize(&self, state: &State) -> Option<Normal> {
-        let camera = variables(&state.camera);
-        let moves = self.moves();
-        let views: Vec<usize> = (0..self.views.len()).collect();
-        Normal::accumulate(self.shape(), &views, |&v, normal| {
-            let pose = Pose::<Number>::variables(&state.poses[v]);
-            for (corner, _) in self.views[v].corners.iter().zip(&self.used[v]).filter(|(_, used)| **used) {
-                let seen = camera.project(&pose.point(&corner.board_mm)).ok()?;
-                let whitening = self.whitening(corner)?;
-                let residual = whitening * (seen.map(Real::value) - corner.pixel);
-                let derivative = |row: usize, i: usize| {
-                    whitening[(row, 0)] * seen.x.eps[i] + whitening[(row, 1)] * seen.y.eps[i]
-                };
-                let d_globals = [0, 1].map(|row| -> Vec<f64> {
-                    moves.iter().map(|figures| figures.iter().map(|&i| derivative(row, i)).sum()).collect()
-                });
-                let rows = [0, 1].map(|row| Row {
-                    residual: residual[row],
-                    d_globals: &d_globals[row],
-                    d_pose: std::array::from_fn(|i| derivative(row, 9 + i)),
-                });
-                normal.add(&rows, Some(v), self.loss);
-            }
-            Some(())
-        })
-    }
-
-    fn cost(&self, state: &State) -> Option<f64> {
-        let mut cost = 0.0;
-        for (v, view) in self.views.iter().enumerate() {
-            for (corner, _) in view.corners.iter().zip(&self.used[v]).filter(|(_, used)| **used) {
-                let whitened = self.whitening(corner)? * self.residual(state, v, corner)?;
-                cost += self.loss.evaluate(whitened.norm_squared()).0;
-            }
-        }
-        Some(cost)
-    }
-
-    fn retract(&self, state: &State, step: &Step) -> State {
-        let mut delta = [0.0; 9];
-        for (figures, d) in self.moves().iter().zip(step.globals.iter()) {
-            figures.iter().for_each(|&i| delta[i] = *d);
-        }
-        let c = state.camera;
-        let d = c.distortion;
-        State {
-            camera: Camera {
-                fx: c.fx + delta[0],
-                fy: c.fy + delta[1],
-                cx: c.cx + delta[2],
-                cy: c.cy + delta[3],
-                distortion: Distortion {
-                    k1: d.k1 + delta[4],
-                    k2: d.k2 + delta[5],
-                    p1: d.p1 + delta[6],
-                    p2: d.p2 + delta[7],
-                    k3: d.k3 + delta[8],
-                },
-            },
-            poses: state.poses.iter().zip(&step.poses).map(|(pose, step)| moved_pose(pose, step)).collect(),
-        }
-    }
+    let (sum, count) = rms.iter().fold((0.0, 0), |(s, n), (t, m)| (s + t, n + m));
+    let outliers = bundle
+        .used
+        .iter()
+        .enumerate()
+        .flat_map(|(v, used)| used.iter().enumerate().filter(|(_, used)| !**used).map(move |(c, _)| (v, c)))
+        .collect();
+    Ok(Pinhole {
+        camera: state.camera,
+        poses: state.poses,
+        covariance,
+        rms_px: (sum / count.max(1) as f64).sqrt(),
+        view_rms_px,
+        model_sigma_px: bundle.model_variance.sqrt(),
+        outliers,
+        report,
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Outside;
-    use nalgebra::{UnitQuaternion, Vector3};
+    use crate::data::{CornerPoint, Outside};
+    use nalgebra::{Matrix2, UnitQuaternion, Vector2, Vector3};
     use rand::{RngExt, SeedableRng, rngs::StdRng};
     use rand_distr::StandardNormal;
+    use uw_geom::Distortion;
 
     const IMAGE: [u32; 2] = [768, 576];
 
@@ -457,8 +265,8 @@ mod tests {
         assert!((result.camera.fx - truth().fx).abs() < 1e-3);
     }
 
-    /// Errors over predicted sigmas have unit variance: chi² over 60 trials of each of nine figures. Its own scatter is
-    /// √(2/60) = 0.18; correlated figures share it.
+    /// Errors over predicted sigmas have unit variance: chi² over 60 trials of each of nine figures. Its own
+    /// scatter is √(2/60) = 0.18; correlated figures share it.
     #[test]
     fn predicted_sigmas_are_those_of_the_scatter() {
         let mut squares = [0.0; 9];

@@ -1,9 +1,12 @@
 //! Sub-pixel position of one chessboard corner, by a fit of the image of two crossing edges.
 //!
 //! Model of the image around the corner c, with d = x − c and uₖ the signed distance from the k-th edge:
-//! I(x) = b + g·d + (a + h·d) erf(u₁/√2s) erf(u₂/√2s), a saddle blurred by a Gaussian of width s under light that varies
-//! linearly. Both the model and a blurred corner are symmetric about c, so that an inexact blur adds no bias. Edges are bent as the lens bends
-//! them: uₖ = nₖ·d − κₖ (tₖ·d)²/2 with a curvature κₖ that the caller knows from the neighbouring corners. Unlike a
+//!
+//! I(x) = b + g·d + (a + h·d) erf(u₁/√2s) erf(u₂/√2s),
+//!
+//! a saddle blurred by a Gaussian of width s under light that varies linearly. Both the model and a blurred
+//! corner are symmetric about c, so that an inexact blur adds no bias. Edges are bent as the lens bends them:
+//! uₖ = nₖ·d − κₖ (tₖ·d)²/2 with a curvature κₖ that the caller knows from the neighbouring corners. Unlike a
 //! quadratic patch this uses the whole length of the edges, and its covariance comes from its own residuals.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
@@ -42,17 +45,18 @@ pub(crate) struct Saddle {
     pub covariance: Matrix2<f64>,
     /// Direction of the two edges, radians.
     pub angles: [f64; 2],
-    /// Half the step of brightness between squares, in grey values, positive when the quadrant between the first and the
-    /// second edge's directions is bright.
+    /// Half the step of brightness between squares, in grey values, positive when the quadrant between the
+    /// first and the second edge's directions is bright.
     pub amplitude: f64,
     /// Share of the window's variance that the model explains.
     pub explained: f64,
-    /// Least bright quadrant less the least dark one, over the mean step: 1 for four even quadrants, 0 where three are alike (the outer corner of a
-    /// dark square on a bright margin).
+    /// Least bright quadrant less the least dark one, over the mean step: 1 for four even quadrants, 0 where
+    /// three are alike (the outer corner of a dark square on a bright margin).
     pub gap: f64,
 }
 
-/// Returns the corner nearest to the seed, or `None` when there is too little image around it or the fit leaves its window.
+/// Returns the corner nearest to the seed, or `None` when there is too little image around it or the fit
+/// leaves its window.
 pub(crate) fn fit(view: &GreyView<'_>, seed: &Seed) -> Option<Saddle> {
     let window = window(view, seed)?;
     let mut fit = start(&window, seed);
@@ -95,7 +99,8 @@ pub(crate) fn fit(view: &GreyView<'_>, seed: &Seed) -> Option<Saddle> {
     })
 }
 
-/// Grey values²: a value rounded to an integer is uncertain by that much even where the residuals don't show it.
+/// Grey values²: a value rounded to an integer is uncertain by that much even where the residuals don't show
+/// it.
 const ROUNDING_VARIANCE: f64 = 1.0 / 12.0;
 
 struct Window {
@@ -237,8 +242,8 @@ impl Normal {
     }
 }
 
-/// Returns erf(x/√2) and its derivative √(2/π) exp(−x²/2). Abramowitz and Stegun 7.1.26, error below 1.5e-7, which shares its
-/// exponential with the derivative.
+/// Returns erf(x/√2) and its derivative √(2/π) exp(−x²/2). Abramowitz and Stegun 7.1.26, error below 1.5e-7,
+/// which shares its exponential with the derivative.
 fn erf_gauss(x: f64) -> (f64, f64) {
     let gauss = (-0.5 * x * x).exp();
     let z = x.abs() * std::f64::consts::FRAC_1_SQRT_2;
@@ -247,4 +252,45 @@ fn erf_gauss(x: f64) -> (f64, f64) {
         + 0.254_829_592)
         * t;
     ((1.0 - series * gauss).copysign(x), (2.0 / std::f64::consts::PI).sqrt() * gauss)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::{Layout, Samples};
+
+    #[test]
+    fn the_error_function_has_its_tabulated_values_and_slope() {
+        // Abramowitz and Stegun, table 7.1: erf(0.5), erf(1), erf(2).
+        for (z, erf) in [(0.5, 0.520_499_877_8), (1.0, 0.842_700_792_9), (2.0, 0.995_322_265_0)] {
+            let x = z * std::f64::consts::SQRT_2;
+            assert!((erf_gauss(x).0 - erf).abs() < 2e-7 && (erf_gauss(-x).0 + erf).abs() < 2e-7);
+            // The series is good to 1.5e-7, so its difference over 0.02 is to 1.5e-5.
+            let slope = (erf_gauss(x + 0.01).0 - erf_gauss(x - 0.01).0) / 0.02;
+            assert!((erf_gauss(x).1 - slope).abs() < 5e-5);
+        }
+    }
+
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let data: Vec<u16> = (0..400_u16).map(|k| 1000 + (k * 37) % 501).collect();
+        let layout = Layout { width: 20, height: 20, stride: 20 };
+        let view = GreyView::new(Samples::U16(&data), layout, u16::MAX).unwrap();
+        let curvatures = [0.02, -0.03];
+        let seed = Seed { pixel: [9.3, 9.8], angles: [0.2, 1.9], curvatures, radius: 8.0 };
+        let window = window(&view, &seed).unwrap();
+        let at = Unknowns::from([9.4, 9.7, 0.25, 1.85, 1.3, 1200.0, 3.0, -2.0, 400.0, 5.0, 7.0]);
+        let normal = Normal::at(&window, &at, curvatures);
+        for i in 0..UNKNOWNS {
+            let h = 1e-5 * at[i].abs().max(1.0);
+            let moved = |by: f64| {
+                let mut x = at;
+                x[i] += by;
+                Normal::at(&window, &x, curvatures).squares
+            };
+            let slope = (moved(h) - moved(-h)) / (4.0 * h);
+            let scale = normal.squares.sqrt() * normal.matrix[(i, i)].sqrt();
+            assert!((normal.gradient[i] - slope).abs() < 1e-4 * scale, "{i}: {} {slope}", normal.gradient[i]);
+        }
+    }
 }

@@ -58,8 +58,8 @@ pub struct ViewError {
 }
 
 impl<'a> GreyView<'a> {
-    /// Returns a view of `samples`; `saturation` is the largest value the camera can give (255 for 8 bits, 4095 for 12),
-    /// at which a pixel only says "at least this".
+    /// Returns a view of `samples`; `saturation` is the largest value the camera can give (255 for 8 bits,
+    /// 4095 for 12), at which a pixel only says "at least this".
     ///
     /// # Errors
     /// [`ViewError`] when the slice does not hold the image. An image without pixels is one.

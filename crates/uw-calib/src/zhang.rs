@@ -1,7 +1,8 @@
 //! Start values of a camera from views of a plane, in closed form.
 //!
-//! Z. Zhang, "A flexible new technique for camera calibration", PAMI 22 (2000), §3.1 and Eq 13, with skew zero. In water, and
-//! strictly also behind a window in air, a plane's image is no homography; as a start that is good enough in air only.
+//! Z. Zhang, "A flexible new technique for camera calibration", PAMI 22 (2000), §3.1 and Eq 13, with skew
+//! zero. In water, and strictly also behind a window in air, a plane's image is no homography; as a start
+//! that is good enough in air only.
 
 use crate::data::BoardView;
 use crate::homography::homography;
@@ -9,8 +10,8 @@ use crate::start::pose_of;
 use nalgebra::{DMatrix, DVector, Matrix3, SVector, Vector2};
 use uw_geom::{Camera, Distortion};
 
-/// The system's smallest singular value must be this much below the next, or more than one camera explains the views
-/// about as well: the boards are nearly parallel.
+/// The system's smallest singular value must be this much below the next, or more than one camera explains
+/// the views about as well: the boards are nearly parallel.
 const DISTINCT: f64 = 0.5;
 /// Below this share of the largest singular value, even exact views leave a second camera open.
 const RANK: f64 = 1e-9;
@@ -21,8 +22,9 @@ const FOCAL_RANGE: std::ops::RangeInclusive<f64> = 0.2..=50.0;
 /// A stronger k₁ means that the linear estimate has failed; no distortion is a better start.
 const MAX_K1: f64 = 2.0;
 
-/// Returns the camera that the views determine, or `None` where they don't: fewer than two, or all nearly parallel. Then the drawing's focal
-/// length is the better start. Where the principal point is not determined, it is taken at the image's centre.
+/// Returns the camera that the views determine, or `None` where they don't: fewer than two, or all nearly
+/// parallel. Then the drawing's focal length is the better start. Where the principal point is not
+/// determined, it is taken at the image's centre.
 #[must_use]
 pub fn closed_form(views: &[BoardView], image_size: [u32; 2]) -> Option<Camera> {
     let [width, height] = image_size.map(f64::from);

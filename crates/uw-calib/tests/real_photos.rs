@@ -1,4 +1,5 @@
-//! Real photographs with known answers. They are not part of the repository; the tests say so where the folder is missing.
+//! Real photographs with known answers. They are not part of the repository; the tests say so where the
+//! folder is missing.
 
 #![allow(clippy::print_stderr, reason = "a skipped test says so")]
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
@@ -100,10 +101,11 @@ fn opencv_samples_give_the_published_focal_length() {
     assert_eq!(left.len(), 13);
     assert!(left.iter().chain(&right).all(|view| view.corners.len() == board.corners()));
     let result = calibrate(&left, size, PinholeOptions { equal_focal: true, ..PinholeOptions::default() });
-    // left_intrinsics_expected.yml: f 535.916, RMS 0.3926 px. That RMS comes from two photographs whose corners the published
-    // refinement misplaced (1.18 and 0.38 px, 0.16 to 0.30 on the others), and moves f by 3 px: OpenCV with a window of 7 instead
-    // of 11 gives 532.93 at 0.183 px, ours is 533.5 at 0.159. Neither is the truth, so the difference is held against
-    // the uncertainty of both; the published one has ours, times the ratio of the residuals.
+    // left_intrinsics_expected.yml: f 535.916, RMS 0.3926 px. That RMS comes from two photographs whose
+    // corners the published refinement misplaced (1.18 and 0.38 px, 0.16 to 0.30 on the others), and moves f
+    // by 3 px: OpenCV with a window of 7 instead of 11 gives 532.93 at 0.183 px, ours is 533.5 at 0.159.
+    // Neither is the truth, so the difference is held against the uncertainty of both; the published one has
+    // ours, times the ratio of the residuals.
     let published_sigma = result.sigmas()[0] * 0.392_59 / result.rms_px;
     let sigma = result.sigmas()[0].hypot(published_sigma);
     assert!((result.camera.fx - 535.92).abs() < 3.0 * sigma, "f {} ± {sigma}", result.camera.fx);

@@ -4,7 +4,8 @@ use nalgebra::{Rotation3, Vector2};
 use std::f64::consts::TAU;
 use uw_geom::Distortion;
 
-/// Px by axis; noise of 1.5 grey values on a step of 180 gives 0.004 on squares of 25 px. Half a pixel's confusion is a hundred times that.
+/// Px by axis; noise of 1.5 grey values on a step of 180 gives 0.004 on squares of 25 px. Half a pixel's
+/// confusion is a hundred times that.
 const RMS_PX: f64 = 0.006;
 /// Px; the mean over 528 corners of a turned board, so any constant offset shows.
 const MEAN_PX: f64 = 0.001;
@@ -42,7 +43,8 @@ fn corners_lie_where_they_were_drawn_at_any_turn() {
 
 #[test]
 fn twelve_bits_are_used() {
-    // 40 of 4095 grey values in the step, noise below one: 8 bits would leave 2.5 steps and quantisation noise of 0.3.
+    // 40 of 4095 grey values in the step, noise below one: 8 bits would leave 2.5 steps and quantisation
+    // noise of 0.3.
     let scene =
         Scene { levels: 4095, dark: 100.0, bright: 140.0, background: 90.0, noise: 0.3, ..Scene::plain() };
     let errors = errors(&scene, &find(&scene.render(), scene.inner).unwrap());

@@ -96,7 +96,8 @@ fn a_background_full_of_false_corners_is_told_apart() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
 
-    /// Any pose that shows the whole board with squares of 10 px and more is found whole and labelled without a mirror.
+    /// Any pose that shows the whole board with squares of 10 px and more is found whole and labelled without
+    /// a mirror.
     #[test]
     fn any_pose_is_labelled(
         roll in 0.0..std::f64::consts::TAU, pitch in -0.8..0.8_f64, yaw in -0.8..0.8_f64,

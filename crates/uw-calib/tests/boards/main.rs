@@ -15,8 +15,8 @@ fn find(image: &Image, inner: [usize; 2]) -> Result<Detection, Rejection> {
     detect(&image.view(), &Chessboard::new(inner[0], inner[1], 1.0).unwrap())
 }
 
-/// Distance of each corner from its truth, px, with its label translated to the scene's: labels may be turned and shifted as a whole,
-/// never mirrored.
+/// Distance of each corner from its truth, px, with its label translated to the scene's: labels may be turned
+/// and shifted as a whole, never mirrored.
 fn errors(scene: &Scene, detection: &Detection) -> Vec<Vector2<f64>> {
     let [cols, rows] = scene.inner.map(|n| n as i64);
     let mut best: Option<Vec<Vector2<f64>>> = None;

@@ -1,4 +1,5 @@
-//! Draws a chessboard as a distorted camera sees it: blurred, sampled by pixels' areas, under uneven light, with noise.
+//! Draws a chessboard as a distorted camera sees it: blurred, sampled by pixels' areas, under uneven light,
+//! with noise.
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 use uw_calib::{GreyView, Layout, Samples};
@@ -70,8 +71,8 @@ impl Random {
 const SAMPLES: usize = 4;
 
 impl Scene {
-    /// 11 × 8 corners at 8 bits, some 25 px a square, turned a little: along the pixels' rows, area sampling by a few points would
-    /// round the edges' places.
+    /// 11 × 8 corners at 8 bits, some 25 px a square, turned a little: along the pixels' rows, area sampling
+    /// by a few points would round the edges' places.
     pub fn plain() -> Self {
         let size = [400, 320];
         let camera = Camera {
@@ -116,8 +117,8 @@ impl Scene {
         Vector2::new(x.dot(&hit), y.dot(&hit)) + self.middle().xy()
     }
 
-    /// Brightness at a place, averaged over a sample across which its coordinates change by `size`: without that average the samples'
-    /// lattice would move edges by tenths of a sample.
+    /// Brightness at a place, averaged over a sample across which its coordinates change by `size`: without
+    /// that average the samples' lattice would move edges by tenths of a sample.
     fn albedo(&self, p: Vector2<f64>, size: Vector2<f64>) -> f64 {
         let [cols, rows] = self.inner.map(|n| n as f64);
         // Squares reach one beyond the inner corners, the bright margin half a square further.
