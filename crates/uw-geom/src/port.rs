@@ -92,6 +92,7 @@ impl<T: Real> Port<T> {
     ///
     /// # Errors
     /// [`GeomError::NotThroughWindow`], [`GeomError::TotalReflection`]; [`GeomError::Invalid`] for a window behind the centre.
+    #[inline(always)]
     pub fn ray_out(
         &self,
         centre: &Vector3<T>,
@@ -137,6 +138,7 @@ impl<T: Real> Port<T> {
     /// [`GeomError::BehindWindow`] for a point that is not outside; [`GeomError::TotalReflection`] for one so far to the side
     /// that no light from a centre ON the window reaches it; [`GeomError::NotConverged`] for figures that are not numbers;
     /// [`GeomError::Invalid`] for a window behind the centre.
+    #[inline(always)]
     pub fn air_direction(
         &self,
         centre: &Vector3<T>,
@@ -205,21 +207,10 @@ impl<T: Real> Layer<T> {
 }
 
 /// The root s of the forward projection's equation, a step short of rounding.
+#[inline(always)]
 fn solve_slope(air_mm: f64, layers: &[Layer<f64>; 2], r_squared: f64) -> Result<f64, GeomError> {
-    // With the centre on the window itself, light reaches no farther than the critical angle.
     if air_mm <= 0.0 {
-        let deep = layers.iter().filter(|l| l.depth > 0.0);
-        let farthest: f64 = deep.map(|l| l.depth / l.excess.max(0.0).sqrt()).sum();
-        let distance = r_squared.sqrt();
-        if distance >= farthest {
-            let [glass, outside] = layers.map(|l| l.squared_index.sqrt());
-            let incidence_deg = (distance / layers[1].depth).atan().to_degrees();
-            return Err(GeomError::TotalReflection {
-                from_index: outside,
-                to_index: glass.min(1.0),
-                incidence_deg,
-            });
-        }
+        within_critical_angle(layers, r_squared)?;
     }
     // The paraxial root and the next term of its series in r², cut off where that stops being a good start.
     let (mut sum, mut cubic) = (air_mm, 0.0);
@@ -252,6 +243,22 @@ fn solve_slope(air_mm: f64, layers: &[Layer<f64>; 2], r_squared: f64) -> Result<
         }
     }
     Err(GeomError::NotConverged { what: PROJECTION, iterations: MAX_STEPS })
+}
+
+/// With the centre on the window itself, light reaches no farther than the critical angle.
+#[cold]
+fn within_critical_angle(layers: &[Layer<f64>; 2], r_squared: f64) -> Result<(), GeomError> {
+    let deep = layers.iter().filter(|l| l.depth > 0.0);
+    let farthest: f64 = deep.map(|l| l.depth / l.excess.max(0.0).sqrt()).sum();
+    let distance = r_squared.sqrt();
+    if distance < farthest {
+        return Ok(());
+    }
+    Err(GeomError::TotalReflection {
+        from_index: layers[1].squared_index.sqrt(),
+        to_index: 1.0,
+        incidence_deg: (distance / layers[1].depth).atan().to_degrees(),
+    })
 }
 
 const PROJECTION: &str = "forward projection through a window";

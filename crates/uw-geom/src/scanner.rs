@@ -52,6 +52,7 @@ impl<T: Real> Scanner<T> {
     ///
     /// # Errors
     /// [`GeomError`] where the pixel has no such ray.
+    #[inline(always)]
     pub fn pixel_ray(&self, pixel: &Vector2<T>, outside: Medium<T>) -> Result<Ray<T>, GeomError> {
         let origin = Vector3::repeat(T::constant(0.0));
         self.camera_port.ray_out(&origin, &self.camera.unproject(pixel)?, outside)

@@ -43,7 +43,7 @@ struct Reach {
 }
 
 /// A step of y, relative, behind which the next is below rounding, as Newton doubles the digits.
-const SETTLED: f64 = 1e-6;
+const SETTLED: f64 = 2e-6;
 /// Newton steps after which the search is given up.
 const MAX_STEPS: u32 = 30;
 
@@ -118,17 +118,17 @@ pub(crate) struct Solution {
 pub(crate) struct Solver {
     tracer: Tracer,
     /// A and B as series in y² about the fan's middle, for the start.
-    series: [[f64; 4]; 2],
+    series: [[f64; 3]; 2],
 }
 
 impl Solver {
     pub(crate) fn new(tracer: &Tracer) -> Self {
-        // (g + e y²)^(−1/2) = g^(−1/2) (1 − x/2 + 3x²/8 − 5x³/16 …), x = e y²/g.
+        // (g + e y²)^(−1/2) = g^(−1/2) (1 − x/2 + 3x²/8 …), x = e y²/g.
         let root = |nn: f64| {
             let e = nn - 1.0;
             let g = nn + e * tracer.tangent * tracer.tangent;
             let (x, one) = (e / g, 1.0 / g.sqrt());
-            [one, -0.5 * x * one, 0.375 * x * x * one, -0.3125 * x * x * x * one]
+            [one, -0.5 * x * one, 0.375 * x * x * one]
         };
         let [glass, outside] = tracer.squared_indices.map(root);
         let mut a = glass.map(|c| c * tracer.thickness_mm);
@@ -138,13 +138,10 @@ impl Solver {
 
     /// # Errors
     /// [`GeomError::NoIntersection`].
+    #[inline(always)]
     pub(crate) fn solve(&self, ray: &Ray) -> Result<Solution, GeomError> {
         let line = self.tracer.line(ray);
-        // From the plane that touches the sheet in its middle, and a first step on the series.
-        let middle = self.series.map(|s| s[0]);
-        let (change, _) = self.step(&line, 0.0, &Reach { at: middle, per_y: [0.0; 2] });
-        let (more, _) = self.step(&line, change, &self.series_reach(change));
-        let mut y = if change + more < MOST && change + more > -MOST { change + more } else { 0.0 };
+        let mut y = self.start(&line);
         for _ in 0..MAX_STEPS {
             let reach = self.reach(y);
             let (change, excess_per_y) = self.step(&line, y, &reach);
@@ -158,6 +155,24 @@ impl Solver {
         self.search(&line)
     }
 
+    /// A start that leaves one step to make for any ray in sight: the meeting with the plane that touches the sheet in its
+    /// middle, and from there Newton's step on the series (A and B being even in y), without a second division.
+    fn start(&self, line: &Line<f64>) -> f64 {
+        let ([a1, a2, depth], [b1, b2, rise], k) = (line.start, line.rate, self.tracer.tangent);
+        let [[a, a_2, a_4], [b, b_2, b_4]] = self.series;
+        let (c, e) = (a + b * depth, b * rise);
+        let inverse = 1.0 / (e * a1 - b1 * c);
+        let y = (k * (a2 * e - b2 * c) - (a2 * b1 - b2 * a1)) * inverse;
+        let z = y * y;
+        let (a_z, b_z) = (a_2 + z * a_4, b_2 + z * b_4);
+        let (c_z, e_z) = (a_z + b_z * depth, b_z * rise);
+        let (own, sheets) = (e_z * a1 - b1 * c_z, k * (a2 * e_z - b2 * c_z));
+        // F = y³ own − y² sheets here, and F′ = (1 + x) / inverse.
+        let x = y * (3.0 * y * own - 2.0 * sheets) * inverse;
+        let better = y - z * (y * own - sheets) * inverse * (1.0 - x + x * x);
+        if better.abs() < MOST { better } else { 0.0 }
+    }
+
     /// The solution a last step `change` from y, unless it lies behind the window or the ray's origin.
     fn ahead(
         &self,
@@ -169,10 +184,11 @@ impl Solver {
     ) -> Option<Solution> {
         let ([a1, _, depth], [b1, _, rise], k) = (line.start, line.rate, self.tracer.tangent);
         let ([a, b], [a_per_y, b_per_y]) = (reach.at, reach.per_y);
-        let steepness = 1.0 / (k * b * rise - b1);
-        let t = (a1 - k * (a + b * depth)) * steepness;
-        let t_per_y = -k * (a_per_y + b_per_y * (depth + rise * t)) * steepness;
-        let distance_mm = t + t_per_y * change;
+        let (c_per_y, e_per_y) = (a_per_y + b_per_y * depth, b_per_y * rise);
+        let (c, e) = (a + b * depth + c_per_y * change, b * rise + e_per_y * change);
+        let steepness = 1.0 / (k * e - b1);
+        let distance_mm = (a1 - k * c) * steepness;
+        let t_per_y = -k * (c_per_y + e_per_y * distance_mm) * steepness;
         // A ray along the sheet has no distance at all.
         let ahead = distance_mm > 0.0 && depth + rise * distance_mm > 0.0 && distance_mm.is_finite();
         ahead.then_some(Solution { distance_mm, y: y + change, t_per_y, excess_per_y })
@@ -180,6 +196,7 @@ impl Solver {
 
     /// The nearest meeting ahead, wherever on the fan it is: for rays that graze the sheet, on which Newton's steps from the
     /// middle run off or end behind the window.
+    #[cold]
     fn search(&self, line: &Line<f64>) -> Result<Solution, GeomError> {
         let excess = |y: f64| {
             let reach = self.reach(y);
@@ -237,13 +254,6 @@ impl Solver {
             (root, -y * (nn - 1.0) * inverse * root)
         });
         Reach { at: [distance_mm + thickness_mm * glass, b], per_y: [thickness_mm * glass_per_y, b_per_y] }
-    }
-
-    fn series_reach(&self, y: f64) -> Reach {
-        let z = y * y;
-        let at = self.series.map(|[c0, c1, c2, c3]| c0 + z * (c1 + z * (c2 + z * c3)));
-        let per_y = self.series.map(|[_, c1, c2, c3]| 2.0 * y * (c1 + z * (2.0 * c2 + z * 3.0 * c3)));
-        Reach { at, per_y }
     }
 }
 
