@@ -29,12 +29,12 @@ fn page() -> io::Result<String> {
     man.render_synopsis_section(&mut page)?;
     man.render_description_section(&mut page)?;
     man.render_options_section(&mut page)?;
-    let mut page = text(page);
+    let mut page = text(&page);
     sections(&command, command.get_name(), &mut page)?;
     let mut end = Vec::new();
     man.render_extra_section(&mut end)?;
     man.render_version_section(&mut end)?;
-    Ok(page + &text(end))
+    Ok(page + &text(&end))
 }
 
 /// A section for every command below `parent` that does something itself.
@@ -51,11 +51,11 @@ fn sections(parent: &clap::Command, parent_name: &str, page: &mut String) -> io:
         man.render_description_section(&mut section)?;
         man.render_options_section(&mut section)?;
         *page += &format!(".SH \"{}\"\n", name.to_uppercase());
-        *page += &text(section).replace(".SH ", ".SS ");
+        *page += &text(&section).replace(".SH ", ".SS ");
     }
     Ok(())
 }
 
-fn text(roff: Vec<u8>) -> String {
-    String::from_utf8_lossy(&roff).into_owned()
+fn text(roff: &[u8]) -> String {
+    String::from_utf8_lossy(roff).into_owned()
 }

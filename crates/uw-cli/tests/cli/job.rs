@@ -21,7 +21,7 @@ const RADIUS_TOLERANCE_MM: f64 = 0.3;
 /// Whether a row of frames.csv is kept: of the first eight poses the boards, and every third image with a stripe.
 fn thinned(row: usize, text: &str) -> bool {
     let pose: usize = text.split(',').nth(1).unwrap().parse().unwrap();
-    pose < 8 && (text.contains(",off,") || row % 3 == 0)
+    pose < 8 && (text.contains(",off,") || row.is_multiple_of(3))
 }
 
 /// A calibration from parts of the fixtures in air and in water: the folder, and what the run printed.
@@ -136,7 +136,7 @@ fn a_ball_is_reconstructed_and_measured() {
 #[test]
 fn every_format_and_frame_holds_the_same_ball() {
     let out = TempDir::new().unwrap();
-    let scan = part_of("ball", |row, _| row % 2 == 0);
+    let scan = part_of("ball", |row, _| row.is_multiple_of(2));
     let radius = |file: &Path| {
         let fit = uwscan(["fit", "sphere", file.to_str().unwrap(), "--json"]).json(0);
         (fit["radius_mm"].as_f64().unwrap(), fit["frame"].as_str().unwrap().to_owned())

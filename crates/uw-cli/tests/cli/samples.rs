@@ -103,7 +103,7 @@ pub fn blank_capture() -> TempDir {
     let mut frames = String::from("file,pose,laser,voltage_v,stamp_ns\n");
     for i in 0..2 * POSES {
         let (pose, time) = (i / 2, 1_000 * u64::from(i));
-        let laser = if i % 2 == 0 { "off,".to_owned() } else { format!("on,{}.5", pose) };
+        let laser = if i.is_multiple_of(2) { "off,".to_owned() } else { format!("on,{pose}.5") };
         writeln!(frames, "images/{i}.pgm,{pose},{laser},{time}").unwrap();
         write_grey(&dir.path().join(format!("images/{i}.pgm")), 64, 48);
     }
