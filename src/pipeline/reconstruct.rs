@@ -148,9 +148,8 @@ pub fn reconstruct(
             Err(error) => problems.push(Problem::loss(frame.row, error)),
         }
     }
-    if used == 0 && !problems.is_empty() {
-        let first = Box::new(problems.swap_remove(0).error);
-        return Err(Error::NothingLeft { path: capture.dir.clone(), first });
+    if used == 0 {
+        return Err(Error::NothingLeft { path: capture.dir.clone() });
     }
     if points.is_empty() {
         return Err(Error::NoStripe { path: capture.dir.clone(), frames: used });

@@ -1,1 +1,4 @@
 //! System tests: one binary, a module a subject.
+
+mod house;
+mod layers;

@@ -1,0 +1,46 @@
+# What a person repeats. `just` lists it.
+
+_default:
+    @just --list
+
+# The command, optimised
+build:
+    cargo build --release --locked --package uw-cli
+
+# Formatting, lints, tests, documentation
+test:
+    ./test.sh
+
+# The main job on the fixtures, beside the truth
+demo:
+    ./demo.sh
+
+lint:
+    cargo clippy --workspace --all-targets --locked -- -D warnings
+
+fmt:
+    cargo fmt --all
+
+# Criterion benches, each with its comparison in the same run
+bench *FILTER:
+    cargo bench --locked --bench '*' -- {{FILTER}}
+
+# Every calibrated figure's scatter against its predicted sigma
+monte-carlo TRIALS="200":
+    UWSCAN_TRIALS={{TRIALS}} cargo test --locked --package uw-calib --test joint accuracy -- --nocapture
+
+# An acceptance script of yours (SCRIPT --uwscan BINARY …) on the optimised command
+accept SCRIPT *ARGS: build
+    {{SCRIPT}} --uwscan {{justfile_directory()}}/target/release/uwscan {{ARGS}}
+
+# Compares the fixtures with their recorded hashes; `just fixtures --update` records them anew
+fixtures *FLAGS:
+    fixtures/check.sh {{FLAGS}}
+
+# The libraries' documentation, opened in the browser
+docs:
+    cargo doc --workspace --no-deps --locked --open
+
+# Makes the picture in README again (needs Python with numpy, matplotlib and pillow)
+picture: demo
+    python3 docs/images/overview.py
