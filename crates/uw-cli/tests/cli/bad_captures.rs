@@ -110,7 +110,7 @@ fn slips_in_rig_toml() {
 fn images_that_no_camera_made() {
     let all =
         |dir: &Path, spoil: &dyn Fn(&Path)| (0..8).for_each(|i| spoil(&dir.join(format!("images/{i}.pgm"))));
-    refused(|dir| all(dir, &|image| fs::write(image, "").unwrap()), &["none of its images could be read"]);
+    refused(|dir| all(dir, &|image| fs::write(image, "").unwrap()), &["none of its images could be used"]);
     refused(
         |dir| all(dir, &|image| fs::write(image, "P5\n64 48\n255\nhalf").unwrap()),
         &["none of its images"],
