@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use std::path::Path;
 use uw_calib::{Across, Method};
 use uw_cloud::{CloudPoint, Frame, PointCloud};
-use uw_geom::{Dual, GeomError, Medium, Plane, Ray, Real, Scanner, approx};
+use uw_geom::{GeomError, Medium, Plane, Ray, Scanner, approx};
 use uw_io::calibration_toml::CalibrationFile;
 use uw_io::{Capture, FrameRecord, GrayImage, Kind, Problem, Rig};
 
@@ -148,8 +148,9 @@ pub fn reconstruct(
             Err(error) => problems.push(Problem::loss(frame.row, error)),
         }
     }
-    if used == 0 {
-        return Err(Error::NothingLeft { path: capture.dir.clone() });
+    if used == 0 && !problems.is_empty() {
+        let first = Box::new(problems.swap_remove(0).error);
+        return Err(Error::NothingLeft { path: capture.dir.clone(), first });
     }
     if points.is_empty() {
         return Err(Error::NoStripe { path: capture.dir.clone(), frames: used });
@@ -217,12 +218,16 @@ impl Tracer<'_> {
         let Some(voltage_v) = frame.voltage_v else { return Ok(Points { points: Vec::new(), rejected }) };
         let across = self.calibration.calibration.across;
         let sheet = self.scanner().sheet(voltage_v, self.medium);
+        let exposure = self.scanner().exposure(voltage_v, self.medium);
         let plane = approx::planar_sheet(&sheet);
         let mut points = Vec::with_capacity(stripe.found());
         for m in stripe.measurements() {
             let pixel = Vector2::from(stripe.axis.uv(m.line, m.position_px));
             let traced = match (self.refraction, plane) {
-                (Refraction::Exact, _) => self.exact(voltage_v, &pixel, across),
+                (Refraction::Exact, _) => exposure.as_ref().map_err(|error| *error).and_then(|exposure| {
+                    let t = exposure.triangulate_with_derivatives(&pixel)?;
+                    Ok((t.point_mm, if across == Across::U { t.per_u } else { t.per_v }))
+                }),
                 (_, Err(error)) => Err(error),
                 (Refraction::Paper, Ok(plane)) => central(&pixel, across, |pixel| {
                     let ray = approx::scaled_pixel_ray(&self.scanner().camera, pixel, self.medium)?;
@@ -240,21 +245,6 @@ impl Tracer<'_> {
             }
         }
         Ok(Points { points, rejected })
-    }
-
-    fn exact(
-        &self,
-        voltage_v: f64,
-        pixel: &Vector2<f64>,
-        across: Across,
-    ) -> Result<PointAndSlope, GeomError> {
-        let mut variable = pixel.map(Dual::<1>::constant);
-        variable[across.index()] = Dual::variable(pixel[across.index()], 0);
-        let scanner = self.scanner().lift::<Dual<1>>();
-        let medium = Medium::of_index(Dual::constant(self.medium.index));
-        let voltage = Dual::constant(voltage_v);
-        let point = scanner.sheet(voltage, medium).intersect(&scanner.pixel_ray(&variable, medium)?)?;
-        Ok((point.map(|x| x.re), point.map(|x| x.eps[0])))
     }
 }
 
