@@ -86,9 +86,19 @@ pub enum Error {
         frames: usize,
     },
     /// All images that a stage needs are lost.
-    #[error("{}: none of its images could be read", path.display())]
+    #[error("{}: none of its images could be used; the first: {first}", path.display())]
     NothingLeft {
         /// The capture.
         path: PathBuf,
+        /// What is wrong with the first of them, with the mend.
+        first: Box<uw_io::Error>,
+    },
+    /// A capture was given twice: its measurements would count as twice as many.
+    #[error("{}: the same capture as {}: give each once", path.display(), other.display())]
+    Twice {
+        /// The capture.
+        path: PathBuf,
+        /// The one that it equals.
+        other: PathBuf,
     },
 }

@@ -24,6 +24,13 @@ pub(crate) struct Boards<'c> {
     pub(crate) losses: Vec<Problem>,
 }
 
+impl Boards<'_> {
+    /// Whether some image of the frame's pose shows the board.
+    pub(crate) fn shows(&self, frame: &FrameRecord) -> bool {
+        frame.pose.is_some_and(|pose| self.seen.contains_key(&pose))
+    }
+}
+
 /// The board that a capture declares.
 fn chessboard(target: &Target) -> Result<Chessboard, BoardError> {
     let [columns, rows] = target.inner_corners.map(|n| n as usize);
@@ -73,7 +80,8 @@ pub(crate) fn find<'c>(
         }
     }
     if read.is_empty() && !boards.losses.is_empty() {
-        return Err(Error::NothingLeft { path: capture.dir.clone() });
+        let first = Box::new(boards.losses.swap_remove(0).error);
+        return Err(Error::NothingLeft { path: capture.dir.clone(), first });
     }
     let labelled = label_capture(detections, &board)
         .map_err(|e| Error::BoardNotSeen { path: capture.dir.clone(), reason: e.to_string() })?;

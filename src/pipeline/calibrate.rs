@@ -30,6 +30,21 @@ pub struct Calibrated {
     pub problems: Vec<Problem>,
 }
 
+/// What the images of a calibration showed.
+#[derive(Debug)]
+pub struct Observed {
+    /// Corners and stripes.
+    pub observations: Observations,
+    /// What is known of the instrument: the rig file of the first capture.
+    pub rig: Rig,
+    /// The captures.
+    pub sources: Vec<CaptureSource>,
+    /// Images that were left out.
+    pub rejected: Vec<Rejected>,
+    /// Warnings about the files, and losses.
+    pub problems: Vec<Problem>,
+}
+
 /// The calibration from one or more capture folders, in air, water or both.
 ///
 /// # Errors
@@ -39,6 +54,30 @@ pub fn calibrate(
     settings: &Settings,
     progress: &dyn Progress,
 ) -> Result<Calibrated, Error> {
+    let Observed { observations, rig, sources, mut rejected, problems } =
+        observe(captures, settings, progress)?;
+    progress.begin("adjustment", 1);
+    let known = rig.to_calib().map_err(uw_calib::CalibError::from)?;
+    let mut calibration = match settings.method {
+        Method::Joint => uw_calib::calibrate(&observations, &known)?,
+        Method::Paper => uw_calib::calibrate_by_paper(&observations, &known)?,
+    };
+    progress.step();
+    rejected.append(&mut calibration.statistics.rejected);
+    calibration.statistics.rejected = rejected;
+    let software = concat!("uwscan ", env!("CARGO_PKG_VERSION")).to_owned();
+    Ok(Calibrated { file: CalibrationFile { calibration, rig, captures: sources, software }, problems })
+}
+
+/// Corners and stripes of one or more capture folders: all of [`calibrate`] that looks at images.
+///
+/// # Errors
+/// [`Error`] where a file is wrong, or no image shows the declared board.
+pub fn observe(
+    captures: &[PathBuf],
+    settings: &Settings,
+    progress: &dyn Progress,
+) -> Result<Observed, Error> {
     let captures: Vec<Capture> =
         captures.iter().map(|path| open(path, settings)).collect::<Result<_, _>>()?;
     let rig_of = |c: &Capture| c.rig.clone().ok_or_else(|| Error::NoRig { path: c.dir.clone() });
@@ -50,6 +89,13 @@ pub fn calibrate(
     for (capture, other) in std::iter::zip(&captures, &rigs) {
         if size(other) != size(&rig) {
             return Err(Error::ImageSize { path: capture.dir.clone(), needed: size(&rig), got: size(other) });
+        }
+    }
+
+    let sources = captures.iter().map(source).collect::<Result<Vec<_>, _>>()?;
+    for (i, (capture, own)) in std::iter::zip(&captures, &sources).enumerate() {
+        if let Some(k) = sources[..i].iter().position(|other| other.sha256 == own.sha256) {
+            return Err(Error::Twice { path: capture.dir.clone(), other: captures[k].dir.clone() });
         }
     }
 
@@ -85,48 +131,39 @@ pub fn calibrate(
             .collect();
         let poses: Vec<u32> = boards.seen.keys().copied().collect();
         for (frame, stripe) in stripes {
-            match frame.pose.and_then(|p| poses.binary_search(&p).ok()) {
-                Some(k) => by_pose[k].stripes.push(stripe),
-                None => {
-                    let reason = "no image of its pose shows the board".to_owned();
-                    rejected.push(Rejected { file: stripe.file, reason });
-                }
+            if let Some(k) = frame.pose.and_then(|p| poses.binary_search(&p).ok()) {
+                by_pose[k].stripes.push(stripe);
             }
         }
+        let without_board = capture.present().filter(|f| f.laser_on && !boards.shows(f));
+        rejected.extend(without_board.map(|frame| Rejected {
+            file: name(capture, frame),
+            reason: "no image of its pose shows the board".to_owned(),
+        }));
         views.extend(by_pose);
     }
-    let observations = Observations { across, views };
-    progress.begin("adjustment", 1);
-    let known = rig.to_calib().map_err(uw_calib::CalibError::from)?;
-    let mut calibration = match settings.method {
-        Method::Joint => uw_calib::calibrate(&observations, &known)?,
-        Method::Paper => uw_calib::calibrate_by_paper(&observations, &known)?,
-    };
-    progress.step();
-    rejected.append(&mut calibration.statistics.rejected);
-    calibration.statistics.rejected = rejected;
-    let sources = std::iter::zip(&captures, &rigs)
-        .map(|(capture, _)| {
-            Ok(CaptureSource {
-                name: capture.dir.display().to_string(),
-                sha256: capture.content_hash()?,
-                medium: capture.medium,
-            })
-        })
-        .collect::<Result<Vec<_>, uw_io::Error>>()?;
     for (index, capture) in captures.into_iter().enumerate() {
         // Warnings of one rig file given for all captures are said once.
         let told =
             |p: &Problem| index > 0 && settings.rig.as_deref().is_some_and(|rig| p.error.path() == rig);
         problems.extend(capture.into_problems().into_iter().filter(|p| !told(p)));
     }
-    let software = concat!("uwscan ", env!("CARGO_PKG_VERSION")).to_owned();
-    Ok(Calibrated { file: CalibrationFile { calibration, rig, captures: sources, software }, problems })
+    let observations = Observations { across, views };
+    Ok(Observed { observations, rig, sources, rejected, problems })
 }
 
 fn open(path: &Path, settings: &Settings) -> Result<Capture, Error> {
     let capture = Capture::open_with_rig(path, settings.rig.as_deref())?;
     if capture.kind == Kind::Calibration { Ok(capture) } else { Err(wrong_kind(&capture)) }
+}
+
+/// What a calibration file says of a capture that it came from.
+fn source(capture: &Capture) -> Result<CaptureSource, uw_io::Error> {
+    Ok(CaptureSource {
+        name: capture.dir.display().to_string(),
+        sha256: capture.content_hash()?,
+        medium: capture.medium,
+    })
 }
 
 fn wrong_kind(capture: &Capture) -> Error {
@@ -157,8 +194,7 @@ fn stripes<'c>(
     progress: &dyn Progress,
 ) -> Result<(Stripes<'c>, Vec<Problem>), Error> {
     let reading = Reading::new(rig);
-    let seen = |f: &&FrameRecord| f.pose.is_some_and(|p| boards.seen.contains_key(&p));
-    let frames: Vec<&FrameRecord> = capture.present().filter(|f| f.laser_on).filter(seen).collect();
+    let frames: Vec<&FrameRecord> = capture.present().filter(|f| f.laser_on && boards.shows(f)).collect();
     progress.begin("stripes", frames.len());
     let make = || extractor(across, rig.camera.bits, true);
     let extracted: Vec<Result<Result<StripeView, uw_io::Error>, Error>> = frames

@@ -8,10 +8,11 @@ use crate::joint::{
     CornerResidual, Extent, Joint, Scales, Solved, State, StripeResidual, Used, corner_residuals, solve,
     stripe_residuals,
 };
-use crate::lm::Loss;
+use crate::lm::{Loss, Model};
 use crate::sight::Pose;
 use crate::start;
 use nalgebra::{DMatrix, Vector2};
+use std::borrow::Cow;
 
 /// Threshold of the robust loss of the first solves, sigmas.
 const HUBER_SIGMAS: f64 = 2.0;
@@ -34,37 +35,65 @@ const LEAST_BLOCKS: usize = 30;
 /// Rounds of solving and sorting out; the sets of outliers settle in two.
 const ROUNDS: usize = 3;
 
+/// A joint adjustment as the solver is given it.
+#[derive(Clone, Debug)]
+pub struct Adjustment<M: Model> {
+    /// Residuals and derivatives; the globals are those of [`crate::NAMES`], the poses those of the board.
+    pub model: M,
+    /// Where the solver begins.
+    pub start: M::State,
+}
+
+/// The first of the solves of the whole instrument that [`calibrate`] makes: for those who want to solve it by other means.
+///
+/// # Errors
+/// As [`calibrate`].
+pub fn adjustment<'a>(
+    observations: &'a Observations,
+    rig: &'a Rig,
+) -> Result<Adjustment<impl Model + 'a>, CalibError> {
+    let (start, used, scales) = begin(observations, rig)?;
+    let (used, loss) = (Cow::Owned(used), Loss::Huber(HUBER_SIGMAS));
+    let model = Joint { rig, observations, used, scales, loss, extent: Extent::Whole };
+    Ok(Adjustment { model, start })
+}
+
+/// Camera and boards from the corners, the rest as the rig says; which measurements take part at first, and their scales.
+fn begin(observations: &Observations, rig: &Rig) -> Result<(State, Used, Scales), CalibError> {
+    let mut state = start::start(observations, rig)?;
+    diagnostics::refuse(&state)?;
+
+    let mut used = Used::all(&observations.views);
+    // Corners alone place camera and boards before stripes are judged by them.
+    let scales = Scales { corner: 1.0, stripe: 1.0, stripe_pooled: 1.0 };
+    let (all, loss) = (Cow::Borrowed(&used), Loss::Huber(HUBER_SIGMAS));
+    let corners_only = Joint { rig, observations, used: all, scales, loss, extent: Extent::CameraSide };
+    state = solve(&corners_only, state)?.state;
+    // Once more: an uncalibrated lens makes parallel boards look tilted.
+    diagnostics::refuse(&state)?;
+    mask_edges(observations, &state, &mut used);
+    thin_out_invisible(observations, &state, &mut used);
+    let scales = estimate(observations, &state, &used);
+    Ok((state, used, scales))
+}
+
 /// The joint calibration of all observations.
 ///
 /// # Errors
 /// [`CalibError`] with what to capture, for sets that determine no calibration.
 pub fn calibrate(observations: &Observations, rig: &Rig) -> Result<Calibration, CalibError> {
-    let mut state = start::start(observations, rig)?;
-    diagnostics::refuse(&state)?;
-
-    let mut used = Used::all(&observations.views);
+    let (mut state, mut used, mut scales) = begin(observations, rig)?;
     let mut rejected = Vec::new();
-    // Corners alone place camera and boards before stripes are judged by them.
-    let mut scales = Scales { corner: 1.0, stripe: 1.0, stripe_pooled: 1.0 };
-    let loss = Loss::Huber(HUBER_SIGMAS);
-    let corners_only = Joint { rig, observations, used: &used, scales, loss, extent: Extent::CameraSide };
-    state = solve(&corners_only, state)?.state;
-    // Once more: an uncalibrated lens makes parallel boards look tilted.
-    diagnostics::refuse(&state)?;
-
     let mut solved = None;
     for round in 0..ROUNDS {
         let last = round + 1 == ROUNDS;
         if round > 0 {
             rejected = sort_out(observations, &state, scales, &mut used);
             scales = estimate(observations, &state, &used);
-        } else {
-            mask_edges(observations, &state, &mut used);
-            thin_out_invisible(observations, &state, &mut used);
-            scales = estimate(observations, &state, &used);
         }
         let loss = if last { Loss::Squared } else { Loss::Huber(HUBER_SIGMAS) };
-        let problem = Joint { rig, observations, used: &used, scales, loss, extent: Extent::Whole };
+        let kept = Cow::Borrowed(&used);
+        let problem = Joint { rig, observations, used: kept, scales, loss, extent: Extent::Whole };
         let result = solve(&problem, state)?;
         state = result.state.clone();
         solved = Some(result);

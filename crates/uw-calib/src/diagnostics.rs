@@ -118,17 +118,17 @@ fn depth_forecast(rig: &Rig, calibration: &Calibration, depths: &[f64], voltages
     // The voltages whose sheets cross the middle ray half the length before and behind the middle: bisection over the range.
     let voltage_at = |z: f64| {
         let point = ray.at((z - ray.origin.z) / ray.direction.z);
-        let off = |v: f64| scanner.sheet(v, medium).off_sheet(&point).ok();
+        let before = |v: f64| scanner.sheet(v, medium).off_sheet(&point).ok().map(f64::is_sign_positive);
         let (low, high) = (*voltages.first()?, *voltages.last()?);
         let reach = (high - low).max(1e-3);
         let (mut a, mut b) = (low - 3.0 * reach, high + 3.0 * reach);
-        let sign = off(a)?.signum();
-        if off(b)?.signum() == sign {
+        let side = before(a)?;
+        if before(b)? == side {
             return None;
         }
         for _ in 0..60 {
             let m = 0.5 * (a + b);
-            if off(m)?.signum() == sign {
+            if before(m)? == side {
                 a = m;
             } else {
                 b = m;

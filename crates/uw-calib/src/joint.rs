@@ -10,6 +10,7 @@ use crate::parameters::{CAMERA_SIDE, GLOBALS, Instrument};
 use crate::priors;
 use crate::sight::{Crossing, Pose, StripeOnBoard, moved_pose};
 use nalgebra::{Matrix2, Vector2};
+use std::borrow::Cow;
 use uw_geom::frame::{Board, Camera};
 use uw_geom::{Dual, Real, Rigid};
 
@@ -58,7 +59,7 @@ pub(crate) struct Scales {
 pub(crate) struct Joint<'a> {
     pub(crate) rig: &'a Rig,
     pub(crate) observations: &'a Observations,
-    pub(crate) used: &'a Used,
+    pub(crate) used: Cow<'a, Used>,
     pub(crate) scales: Scales,
     pub(crate) loss: Loss,
     pub(crate) extent: Extent,
@@ -103,11 +104,7 @@ impl Joint<'_> {
             .collect()
     }
 
-    fn used_points<'s>(
-        &'s self,
-        view: usize,
-        stripe: usize,
-    ) -> impl Iterator<Item = &'s crate::data::StripePoint> {
+    fn used_points(&self, view: usize, stripe: usize) -> impl Iterator<Item = &crate::data::StripePoint> {
         let points = &self.observations.views[view].stripes[stripe].points;
         std::iter::zip(points, &self.used.stripes[view][stripe]).filter_map(|(p, used)| used.then_some(p))
     }

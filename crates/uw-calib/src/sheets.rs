@@ -18,16 +18,18 @@ pub struct VoltagePlane {
 /// open. Boards a hand's breadth apart give 0.1 and more.
 const FLAT_RATIO: f64 = 0.01;
 /// Rounds of reweighting.
-const ROUNDS: usize = 10;
+const ROUNDS: usize = 12;
 /// Residuals beyond so many robust sigmas count less (Huber).
 const HUBER_SIGMAS: f64 = 2.0;
+/// Rounds after which the plane is near enough for residuals beyond twice that not to count at all.
+const ROUNDS_BEFORE_TRIMMING: usize = 6;
 
 /// The plane closest to the points (total least squares, unit normal and offset, in place of the paper's Eq 4; robust by
 /// reweighting); `None` where they don't determine one.
 pub fn robust_plane(points: &[Vector3<f64>]) -> Option<Plane> {
     let mut weights = vec![1.0; points.len()];
     let mut plane = None;
-    for _ in 0..ROUNDS {
+    for round in 0..ROUNDS {
         let total: f64 = weights.iter().sum();
         let middle = std::iter::zip(points, &weights).map(|(p, w)| p * *w).sum::<Vector3<f64>>() / total;
         let spread = std::iter::zip(points, &weights)
@@ -50,7 +52,11 @@ pub fn robust_plane(points: &[Vector3<f64>]) -> Option<Plane> {
         sorted.sort_by(f64::total_cmp);
         let limit = HUBER_SIGMAS * 1.4826 * sorted[sorted.len() / 2];
         for (w, r) in std::iter::zip(&mut weights, residuals) {
-            *w = if r > limit { limit / r } else { 1.0 };
+            *w = match r > limit {
+                false => 1.0,
+                true if round >= ROUNDS_BEFORE_TRIMMING && r > 2.0 * limit => 0.0,
+                true => limit / r,
+            };
         }
         plane = Some(found);
     }

@@ -66,6 +66,7 @@ impl Distortion<f64> {
     }
 
     /// Whether d(radial curve)/dr = 1 + 3k₁q + 5k₂q² + 7k₃q³, q = r², is positive on all of 0 … q.
+    #[inline]
     fn grows_to(&self, q: f64) -> bool {
         let (a, b, c) = (3.0 * self.k1, 5.0 * self.k2, 7.0 * self.k3);
         if q * (a.abs() + q * (b.abs() + q * c.abs())) < 1.0 {
@@ -80,6 +81,7 @@ impl Distortion<f64> {
     }
 
     /// ∂(distorted)/∂(undistorted).
+    #[inline]
     fn jacobian(&self, p: &Vector2<f64>) -> Matrix2<f64> {
         let r2 = p.norm_squared();
         let radial = self.radial(r2);

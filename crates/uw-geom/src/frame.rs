@@ -41,9 +41,10 @@ impl<A, B> Rigid<A, B> {
         }
     }
 
-    /// The transform whose rotation is closest to `rotation` (columns: the axes of `B` in `A`).
+    /// The transform whose rotation is closest to `rotation` (columns: the axes of `B` in `A`): the orthogonal factor of its
+    /// polar decomposition. Figures that are not numbers are handed on.
     pub fn from_matrix(rotation: &Matrix3<f64>, translation_mm: Vector3<f64>) -> Self {
-        Self::new(UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(rotation)), translation_mm)
+        Self::new(UnitQuaternion::from_rotation_matrix(&closest_rotation(rotation)), translation_mm)
     }
 
     /// The transform that changes nothing.
@@ -94,10 +95,38 @@ impl<A, B, C> Mul<Rigid<B, C>> for Rigid<A, B> {
     }
 }
 
+/// nalgebra's own search for the closest rotation never ends on a matrix of zeros or of NaN.
+fn closest_rotation(matrix: &Matrix3<f64>) -> Rotation3<f64> {
+    let factors = matrix.iter().all(|x| x.is_finite()).then(|| matrix.svd(true, true));
+    let Some((Some(u), Some(v_t))) = factors.map(|f| (f.u, f.v_t)) else {
+        return Rotation3::from_matrix_unchecked(Matrix3::repeat(f64::NAN));
+    };
+    // Of the two orthogonal factors the one that doesn't mirror, at the cost of the least singular value.
+    let sign = (u * v_t).determinant().signum();
+    Rotation3::from_matrix_unchecked(u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    /// A matrix near a rotation gives the rotation that it is nearest to, and none makes it search for ever.
+    #[test]
+    fn the_closest_rotation_is_found() {
+        let exact = UnitQuaternion::from_scaled_axis(Vector3::new(0.3, -1.2, 2.0)).to_rotation_matrix();
+        let stretch = Matrix3::new(1.1, 0.02, 0.0, 0.02, 0.9, 0.01, 0.0, 0.01, 1.05);
+        // Exactly: R S with S symmetric and positive has R as its orthogonal factor.
+        let found: Rigid<Camera, Galvo> = Rigid::from_matrix(&(exact.matrix() * stretch), Vector3::zeros());
+        assert!((found.rotation_matrix() - exact.matrix()).norm() < 1e-12);
+        let half_turn: Rigid<Camera, Galvo> =
+            Rigid::from_matrix(&Matrix3::from_diagonal(&Vector3::new(-1.0, -1.0, 1.0)), Vector3::zeros());
+        assert!((half_turn.rotation_matrix()[(0, 0)] + 1.0).abs() < 1e-12);
+        let nothing: Rigid<Camera, Galvo> = Rigid::from_matrix(&Matrix3::zeros(), Vector3::zeros());
+        assert!((nothing.rotation_matrix().determinant() - 1.0).abs() < 1e-12);
+        let nan: Rigid<Camera, Galvo> = Rigid::from_matrix(&Matrix3::repeat(f64::NAN), Vector3::zeros());
+        assert!(nan.rotation_matrix()[(0, 0)].is_nan());
+    }
 
     /// Rounding of a few products of numbers near 1000 mm.
     const ROUNDING_MM: f64 = 1e-9;

@@ -20,7 +20,7 @@ pub struct Port<T: Scalar = f64> {
     pub glass: Medium<T>,
 }
 
-/// Newton steps after which forward projection is given up; four suffice within 20°, ten at 89°.
+/// Newton steps after which forward projection is given up; two suffice within 20°.
 const MAX_STEPS: u32 = 50;
 /// A step of forward projection, relative, behind which the last one (made in the scalar itself) ends below rounding:
 /// Newton doubles the digits each time.
@@ -170,7 +170,7 @@ impl<T: Real> Port<T> {
     }
 
     /// A centre behind the inner face: anything else has no meaning for what this type computes.
-    fn is_ahead(&self) -> Result<(), GeomError> {
+    pub(crate) fn is_ahead(&self) -> Result<(), GeomError> {
         let distance = self.distance_mm.value();
         if distance >= 0.0 {
             return Ok(());

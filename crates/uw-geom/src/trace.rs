@@ -54,13 +54,7 @@ impl<T: Real> Tracer<T> {
         let port = &sheet.port;
         let out = port.normal;
         let across = across_trace(&sheet.normal, &out)?;
-        if port.distance_mm.value().is_nan() || port.distance_mm.value() < 0.0 {
-            return Err(GeomError::Invalid {
-                what: "a window's distance",
-                needed: "0 mm or more",
-                got: port.distance_mm.value(),
-            });
-        }
+        port.is_ahead()?;
         Ok(Self {
             apex_mm: sheet.apex_mm,
             axes: [across, out.cross(&across), out],
@@ -157,6 +151,7 @@ impl Solver {
 
     /// A start that leaves one step to make for any ray in sight: the meeting with the plane that touches the sheet in its
     /// middle, and from there Newton's step on the series (A and B being even in y), without a second division.
+    #[inline]
     fn start(&self, line: &Line<f64>) -> f64 {
         let ([a1, a2, depth], [b1, b2, rise], k) = (line.start, line.rate, self.tracer.tangent);
         let [[a, a_2, a_4], [b, b_2, b_4]] = self.series;
@@ -174,6 +169,7 @@ impl Solver {
     }
 
     /// The solution a last step `change` from y, unless it lies behind the window or the ray's origin.
+    #[inline]
     fn ahead(
         &self,
         line: &Line<f64>,
@@ -233,6 +229,7 @@ impl Solver {
     }
 
     /// Newton's step of y, and F′.
+    #[inline]
     fn step(&self, line: &Line<f64>, y: f64, reach: &Reach) -> (f64, f64) {
         let ([a1, a2, depth], [b1, b2, rise], k) = (line.start, line.rate, self.tracer.tangent);
         let [a, b] = reach.at;
@@ -245,6 +242,7 @@ impl Solver {
         (-excess / per_y, per_y)
     }
 
+    #[inline]
     fn reach(&self, y: f64) -> Reach {
         let Tracer { tangent, distance_mm, thickness_mm, squared_indices, .. } = self.tracer;
         let q_squared = tangent * tangent + y * y;

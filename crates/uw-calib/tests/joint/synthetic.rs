@@ -230,23 +230,23 @@ fn stripe(
     let sheet = truth.scanner.sheet(voltage_v, medium);
     let rotation: Matrix3<f64> = Rotation3::from(pose.rotation()).into_inner();
     let normal: Vector3<f64> = rotation.column(2).into_owned();
-    let off = |u: f64, v: f64| {
+    let before = |u: f64, v: f64| {
         let ray = truth.scanner.pixel_ray(&Vector2::new(u, v), medium).ok()?;
         let t = normal.dot(&(pose.translation_mm() - ray.origin)) / normal.dot(&ray.direction);
-        sheet.off_sheet(&ray.at(t)).ok()
+        sheet.off_sheet(&ray.at(t)).ok().map(f64::is_sign_positive)
     };
     (0..IMAGE[1])
         .step_by(row_step)
         .filter_map(|row| {
             let v = f64::from(row);
             let (mut a, mut b) = (0.0, f64::from(IMAGE[0]) - 1.0);
-            let sign = off(a, v)?.signum();
-            if off(b, v)?.signum() == sign {
+            let side = before(a, v)?;
+            if before(b, v)? == side {
                 return None;
             }
             for _ in 0..50 {
                 let m = 0.5 * (a + b);
-                if off(m, v)?.signum() == sign { a = m } else { b = m }
+                if before(m, v)? == side { a = m } else { b = m }
             }
             Some(StripePoint {
                 pixel: Vector2::new(dice.normal(0.5 * (a + b), STRIPE_SIGMA_PX), v),
