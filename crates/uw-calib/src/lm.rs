@@ -6,7 +6,7 @@
 //! non-linear least squares problems", 2004, Eq 2.21).
 
 pub use crate::normal::{Loss, Normal, Row, Shape, Step, Unknown};
-pub use crate::schur::Covariance;
+pub use crate::schur::{Covariance, Proposal};
 
 /// A least-squares problem as the solver sees it. Residuals are whitened (in sigmas).
 pub trait Model {

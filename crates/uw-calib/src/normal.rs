@@ -220,6 +220,26 @@ impl Normal {
         self.shape
     }
 
+    /// Returns the whole matrix JᵀWJ and the vector JᵀWr with nothing eliminated: globals first, then six rows a pose. For
+    /// checks and comparisons: a solve of it costs the cube of the number of poses.
+    #[must_use]
+    pub fn dense(&self) -> (DMatrix<f64>, DVector<f64>) {
+        let Shape { globals, poses } = self.shape;
+        let size = globals + 6 * poses;
+        let mut h = DMatrix::zeros(size, size);
+        let mut g = DVector::zeros(size);
+        h.view_mut((0, 0), (globals, globals)).copy_from(&self.h_gg);
+        g.rows_mut(0, globals).copy_from(&self.g_g);
+        for pose in 0..poses {
+            let at = globals + 6 * pose;
+            h.view_mut((0, at), (globals, 6)).copy_from(&self.h_gp[pose].transpose());
+            h.fixed_view_mut::<6, 6>(at, at).copy_from(&self.h_pp[pose]);
+            g.rows_mut(at, 6).copy_from(&self.g_p[pose]);
+        }
+        h.fill_lower_triangle_with_upper_triangle();
+        (h, g)
+    }
+
     pub(crate) fn is_finite(&self) -> bool {
         self.cost.is_finite()
             && self.h_gg.iter().chain(self.g_g.iter()).all(|x| x.is_finite())

@@ -11,14 +11,19 @@ const PIVOT_SHARE: f64 = 1e-13;
 
 /// A damped step and the decrease of Σρ that the quadratic model promises for it.
 #[derive(Debug, Clone)]
-pub(crate) struct Proposal {
+pub struct Proposal {
+    /// The step.
     pub step: Step,
+    /// By how much Σρ falls if the problem is as quadratic as its normal equations.
     pub decrease: f64,
 }
 
 impl Normal {
-    /// Solves (H + λ diag H) δ = −g by elimination of the poses.
-    pub(crate) fn solve(&self, lambda: f64) -> Result<Proposal, LmError> {
+    /// Returns the step δ of (H + λ diag H) δ = −g, by elimination of the poses.
+    ///
+    /// # Errors
+    /// [`LmError::Singular`] when a parameter is not determined by the residuals and priors.
+    pub fn solve(&self, lambda: f64) -> Result<Proposal, LmError> {
         let schur = self.eliminate(lambda)?;
         let mut rhs = -&self.g_g;
         for (block, g) in schur.blocks.iter().zip(&self.g_p) {
@@ -214,28 +219,11 @@ mod tests {
         normal
     }
 
-    fn dense(normal: &Normal) -> (DMatrix<f64>, DVector<f64>) {
-        let Shape { globals, poses } = normal.shape;
-        let size = globals + 6 * poses;
-        let mut h = DMatrix::zeros(size, size);
-        let mut g = DVector::zeros(size);
-        h.view_mut((0, 0), (globals, globals)).copy_from(&normal.h_gg);
-        g.rows_mut(0, globals).copy_from(&normal.g_g);
-        for pose in 0..poses {
-            let at = globals + 6 * pose;
-            h.view_mut((0, at), (globals, 6)).copy_from(&normal.h_gp[pose].transpose());
-            h.fixed_view_mut::<6, 6>(at, at).copy_from(&normal.h_pp[pose]);
-            g.rows_mut(at, 6).copy_from(&normal.g_p[pose]);
-        }
-        h.fill_lower_triangle_with_upper_triangle();
-        (h, g)
-    }
-
     #[test]
     fn elimination_equals_the_dense_solve() {
         for lambda in [0.0, 1e-3, 10.0] {
             let normal = example(Loss::Huber(1.5));
-            let (h, g) = dense(&normal);
+            let (h, g) = normal.dense();
             let mut damped = h.clone();
             for i in 0..h.nrows() {
                 damped[(i, i)] *= 1.0 + lambda;
@@ -254,7 +242,7 @@ mod tests {
     #[test]
     fn covariance_equals_the_dense_inverse() {
         let normal = example(Loss::Squared);
-        let inverse = dense(&normal).0.try_inverse().unwrap();
+        let inverse = normal.dense().0.try_inverse().unwrap();
         let covariance = normal.covariance().unwrap();
         let close = |a: &DMatrix<f64>, b: &DMatrix<f64>| (a - b).norm() <= DENSE_RELATIVE * b.norm();
         assert!(close(&covariance.globals, &inverse.view((0, 0), (5, 5)).into_owned()));
@@ -273,7 +261,7 @@ mod tests {
     fn sums_do_not_depend_on_the_number_of_threads() {
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let (h, g) = dense(&pool.install(|| example(Loss::Cauchy(2.0))));
+            let (h, g) = pool.install(|| example(Loss::Cauchy(2.0))).dense();
             h.iter().chain(g.iter()).map(|x| x.to_bits()).collect::<Vec<_>>()
         };
         assert_eq!(on(1), on(3));
