@@ -21,6 +21,12 @@ const UNSURE: f64 = 0.5;
 /// A correction beyond this share of the stripe's width is no longer believed: the measurement is taken out.
 const LIMIT_WIDTHS: f64 = 0.15;
 
+/// A correction is made where the bend exceeds its own noise by so many sigmas: elsewhere it would only add that noise.
+const SIGNIFICANT: f64 = 3.0;
+/// Change of ln strength from one line to the next beyond which the surface's brightness has an edge there, whose light does not mix as
+/// that of an even change does.
+const EDGE_STEP: f64 = 0.7;
+
 /// The curve around one line.
 #[derive(Clone, Copy, Debug)]
 struct Local {
@@ -28,6 +34,8 @@ struct Local {
     slope: f64,
     /// ½ f″ + f′ A′/A, 1/px.
     bend: f64,
+    /// Standard deviation of the bend from the positions' noise, 1/px.
+    noise: f64,
 }
 
 /// Corrects the positions of `lines` for blur along a bent stripe, widens their sigmas by what that leaves unsure, and takes out those
@@ -46,12 +54,15 @@ pub(crate) fn unbend(stripe: &mut Stripe, lines: Range<usize>, reach: impl Fn(us
     let (_, variance, _) = squares.select_nth_unstable_by(middle, f64::total_cmp);
     let (variance, limit) = (*variance, LIMIT_WIDTHS * variance.sqrt());
     for at in found {
+        if at.bend.abs() < SIGNIFICANT * at.noise {
+            continue;
+        }
         let shift = variance * at.bend;
         if shift.abs() > limit {
             stripe.drop_line(at.line, Reject::Bent);
         } else {
             let sigma = &mut stripe.sigma_px[at.line];
-            *sigma = f64::from(*sigma).hypot(UNSURE * shift) as f32;
+            *sigma = f64::from(*sigma).hypot(UNSURE * shift).hypot(variance * at.noise) as f32;
             stripe.position_px[at.line] = (f64::from(stripe.position_px[at.line]) - shift) as f32;
         }
     }
@@ -64,7 +75,9 @@ fn local(stripe: &Stripe, lines: &Range<usize>, line: usize, reach: &impl Fn(usi
     if position(line).is_nan() {
         return None;
     }
-    let joined = |a: usize, b: usize| (position(b) - position(a)).abs() <= reach(a);
+    let ln_strength = |i: usize| f64::from(stripe.amplitude[i]).max(1e-6).ln();
+    let even = |a: usize, b: usize| (ln_strength(a) - ln_strength(b)).abs() <= EDGE_STEP;
+    let joined = |a: usize, b: usize| (position(b) - position(a)).abs() <= reach(a) && even(a, b);
     let (mut first, mut last) = (line, line);
     while first > lines.start && line - first < REACH_LINES && joined(first, first - 1) {
         first -= 1;
@@ -87,8 +100,12 @@ fn local(stripe: &Stripe, lines: &Range<usize>, line: usize, reach: &impl Fn(usi
         (0..2).for_each(|k| s[k] += powers[k] * strength);
     }
     let normal = nalgebra::Matrix3::new(m[0], m[1], m[2], m[1], m[2], m[3], m[2], m[3], m[4]);
-    let curve = normal.cholesky()?.solve(&nalgebra::Vector3::from(p));
+    let factor = normal.cholesky()?;
+    let curve = factor.solve(&nalgebra::Vector3::from(p));
     let growth = (m[0] * s[1] - m[1] * s[0]) / (m[0] * m[2] - m[1] * m[1]);
     let bend = curve.z + curve.y * growth;
-    bend.is_finite().then_some(Local { line, slope: curve.y, bend })
+    // The bend is linear in the positions: its variance is gᵀ N⁻¹ g of theirs, g picking curvature and slope.
+    let picked = nalgebra::Vector3::new(0.0, growth, 1.0);
+    let noise = f64::from(stripe.sigma_px[line]) * picked.dot(&factor.solve(&picked)).max(0.0).sqrt();
+    (bend.is_finite() && noise.is_finite()).then_some(Local { line, slope: curve.y, bend, noise })
 }
