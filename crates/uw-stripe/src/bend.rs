@@ -21,11 +21,12 @@ const UNSURE: f64 = 0.5;
 /// A correction beyond this share of the stripe's width is no longer believed: the measurement is taken out.
 const LIMIT_WIDTHS: f64 = 0.15;
 
-/// A correction is made where the bend exceeds its own noise by so many sigmas: elsewhere it would only add that noise.
-const SIGNIFICANT: f64 = 3.0;
+/// Below so many sigmas of its own noise a bend is left alone, above it is shrunk towards that (James and Stein): where there is none,
+/// a correction would only add noise.
+const SIGNIFICANT: f64 = 2.0;
 /// Change of ln strength from one line to the next beyond which the surface's brightness has an edge there, whose light does not mix as
 /// that of an even change does.
-const EDGE_STEP: f64 = 0.7;
+const EDGE_STEP: f64 = 1.0;
 
 /// The curve around one line.
 #[derive(Clone, Copy, Debug)]
@@ -34,8 +35,8 @@ struct Local {
     slope: f64,
     /// ½ f″ + f′ A′/A, 1/px.
     bend: f64,
-    /// Standard deviation of the bend from the positions' noise, 1/px.
-    noise: f64,
+    /// Standard deviation of the bend from positions of unit noise, 1/px².
+    noise_gain: f64,
 }
 
 /// Corrects the positions of `lines` for blur along a bent stripe, widens their sigmas by what that leaves unsure, and takes out those
@@ -53,16 +54,21 @@ pub(crate) fn unbend(stripe: &mut Stripe, lines: Range<usize>, reach: impl Fn(us
     let middle = squares.len() / 2;
     let (_, variance, _) = squares.select_nth_unstable_by(middle, f64::total_cmp);
     let (variance, limit) = (*variance, LIMIT_WIDTHS * variance.sqrt());
+    // The stripe's usual noise: single sigmas are wide where a fit is poor, which a bend itself makes it.
+    let mut sigmas: Vec<f32> = found.iter().map(|at| stripe.sigma_px[at.line]).collect();
+    let sigma_px = f64::from(*sigmas.select_nth_unstable_by(middle, f32::total_cmp).1);
     for at in found {
-        if at.bend.abs() < SIGNIFICANT * at.noise {
+        let noise = sigma_px * at.noise_gain;
+        let doubt = (SIGNIFICANT * noise / at.bend).powi(2);
+        if doubt.is_nan() || doubt >= 1.0 {
             continue;
         }
-        let shift = variance * at.bend;
+        let shift = variance * at.bend * (1.0 - doubt);
         if shift.abs() > limit {
             stripe.drop_line(at.line, Reject::Bent);
         } else {
             let sigma = &mut stripe.sigma_px[at.line];
-            *sigma = f64::from(*sigma).hypot(UNSURE * shift).hypot(variance * at.noise) as f32;
+            *sigma = f64::from(*sigma).hypot(UNSURE * shift).hypot(variance * noise) as f32;
             stripe.position_px[at.line] = (f64::from(stripe.position_px[at.line]) - shift) as f32;
         }
     }
@@ -106,6 +112,6 @@ fn local(stripe: &Stripe, lines: &Range<usize>, line: usize, reach: &impl Fn(usi
     let bend = curve.z + curve.y * growth;
     // The bend is linear in the positions: its variance is gᵀ N⁻¹ g of theirs, g picking curvature and slope.
     let picked = nalgebra::Vector3::new(0.0, growth, 1.0);
-    let noise = f64::from(stripe.sigma_px[line]) * picked.dot(&factor.solve(&picked)).max(0.0).sqrt();
-    (bend.is_finite() && noise.is_finite()).then_some(Local { line, slope: curve.y, bend, noise })
+    let noise_gain = picked.dot(&factor.solve(&picked)).max(0.0).sqrt();
+    (bend.is_finite() && noise_gain.is_finite()).then_some(Local { line, slope: curve.y, bend, noise_gain })
 }
