@@ -70,7 +70,7 @@ pub fn write(
 /// it is no folder itself, and it doesn't exist or may be replaced.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn check(path: &Path, overwrite: Overwrite) -> Result<(), Error> {
     if path.file_name().is_none() || path.is_dir() {
         return Err(Error::content(Place::file(path), "is a folder", "give the name of a file to write"));

@@ -1,6 +1,6 @@
 //! PLY: our clouds out, anybody's clouds in.
 //!
-//! Written are the properties of [`write`]. Read is any PLY of format 1.0, ascii or binary of either byte order, with
+//! Written are the properties of [`write()`]. Read is any PLY of format 1.0, ascii or binary of either byte order, with
 //! any properties of any type in any order: what is known by name is taken, the rest skipped, other elements too.
 
 use std::{
