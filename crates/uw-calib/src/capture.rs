@@ -8,8 +8,14 @@ use crate::corners::{Detection, Rejection};
 #[non_exhaustive]
 pub enum CaptureError {
     /// No image shows a chessboard.
-    #[error("no chessboard was found in any of {images} images")]
+    #[error(
+        "a board of {} x {} inner corners was declared, but no chessboard was found in any of {images} images: correct \
+         inner_corners if the board is another one, or capture it sharp, evenly lit and large in the image, laser off",
+        declared[0], declared[1]
+    )]
     NoBoard {
+        /// Columns and rows declared.
+        declared: [usize; 2],
         /// Images searched.
         images: usize,
     },
@@ -76,7 +82,7 @@ pub fn label_capture(
     let parts: Vec<[usize; 2]> = images.iter().flatten().map(|detection| detection.seen).collect();
     Err(match most_frequent(&parts, declared) {
         Some((seen, images)) => CaptureError::NeverWhole { declared, seen, images },
-        None => CaptureError::NoBoard { images: images.len() },
+        None => CaptureError::NoBoard { declared, images: images.len() },
     })
 }
 
@@ -139,7 +145,10 @@ mod tests {
     fn nothing_found_is_its_own_error() {
         let board = Chessboard::new(11, 8, 24.0).unwrap();
         let images = vec![Err(Rejection::NoBoard { candidates: 0 }); 4];
-        assert_eq!(label_capture(images, &board), Err(CaptureError::NoBoard { images: 4 }));
-        assert_eq!(label_capture(Vec::new(), &board), Err(CaptureError::NoBoard { images: 0 }));
+        let error = label_capture(images, &board).unwrap_err();
+        assert_eq!(error, CaptureError::NoBoard { declared: [11, 8], images: 4 });
+        assert!(error.to_string().contains("11 x 8") && error.to_string().contains("inner_corners"));
+        let none = label_capture(Vec::new(), &board);
+        assert_eq!(none, Err(CaptureError::NoBoard { declared: [11, 8], images: 0 }));
     }
 }

@@ -77,6 +77,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
         #[test]
         fn exact_points_give_the_homography(
             m in proptest::array::uniform4(-1.0..1.0_f64), t in proptest::array::uniform2(-500.0..500.0_f64),

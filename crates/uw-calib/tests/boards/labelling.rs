@@ -94,7 +94,7 @@ fn a_background_full_of_false_corners_is_told_apart() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 12, failure_persistence: None, ..ProptestConfig::default() })]
 
     /// Any pose that shows the whole board with squares of 10 px and more is found whole and labelled without
     /// a mirror.

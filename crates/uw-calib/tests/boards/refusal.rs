@@ -68,7 +68,7 @@ fn a_padded_slice_is_read_by_its_stride() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
 
     /// Whatever is in an image, detection comes to an end and never calls less than a whole board whole.
     #[test]
