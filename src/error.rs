@@ -1,6 +1,30 @@
+use std::collections::BTreeMap;
 use std::path::PathBuf;
-use uw_calib::CalibError;
+use uw_calib::{CalibError, Rejected};
+use uw_io::Problem;
 use uw_stripe::StripeError;
+
+/// Why a job has no result, and what had been noticed by then, which may well be the cause.
+#[derive(Debug, thiserror::Error)]
+#[error("{error}")]
+pub struct Failure {
+    /// What stopped it.
+    #[source]
+    pub error: Box<Error>,
+    /// All else that was noticed.
+    pub notes: Notes,
+}
+
+/// What a job notices besides its result.
+#[derive(Debug, Default)]
+pub struct Notes {
+    /// Warnings about the files, and losses.
+    pub problems: Vec<Problem>,
+    /// What to know before trusting the result.
+    pub warnings: Vec<String>,
+    /// Images that tests of quality left out.
+    pub rejected: Vec<Rejected>,
+}
 
 /// Why a stage of the pipeline has no result.
 #[derive(Debug, thiserror::Error)]
@@ -62,7 +86,7 @@ pub enum Error {
         path: PathBuf,
     },
     /// Captures of different cameras can't be calibrated together.
-    #[error("{}: images of {got:?} px, the other captures have {needed:?}: calibrate one camera at a time", path.display())]
+    #[error("{}: images of {} x {} px by its rig file, the other captures' have {} x {}: calibrate one camera at a time", path.display(), got[0], got[1], needed[0], needed[1])]
     ImageSize {
         /// The capture.
         path: PathBuf,
@@ -77,13 +101,21 @@ pub enum Error {
          or calibrate with --method joint"
     )]
     PaperCalibration,
-    /// No image shows a stripe.
-    #[error("{}: no stripe was found in any of {frames} images with the laser on", path.display())]
-    NoStripe {
+    /// A scan without a stripe.
+    #[error("{}: no image has the laser on: a scan's stripes are in such images (column laser of frames.csv)", path.display())]
+    LaserOff {
+        /// The capture.
+        path: PathBuf,
+    },
+    /// No image gave a point.
+    #[error("{}: no point came out of {frames} images with the laser on; rows or columns by what they lack: {}", path.display(), counts(rejected))]
+    NoPoint {
         /// The capture.
         path: PathBuf,
         /// Images looked at.
         frames: usize,
+        /// Rows or columns without a point, by reason.
+        rejected: BTreeMap<&'static str, usize>,
     },
     /// All images that a stage needs are lost.
     #[error("{}: none of its images could be used; the first: {first}", path.display())]
@@ -101,4 +133,21 @@ pub enum Error {
         /// The one that it equals.
         other: PathBuf,
     },
+}
+
+/// The counts that are not zero, the largest first, and what the less obvious mean.
+fn counts(rejected: &BTreeMap<&'static str, usize>) -> String {
+    let mut counts: Vec<_> = rejected.iter().filter(|(_, count)| **count > 0).collect();
+    counts.sort_by_key(|(reason, count)| (std::cmp::Reverse(**count), **reason));
+    let said: Vec<String> = counts
+        .into_iter()
+        .map(|(reason, count)| match *reason {
+            "no_signal" => format!("{count} no_signal (no stripe)"),
+            "no_intersection" => format!(
+                "{count} no_intersection (a stripe, but its ray misses the laser's sheet: check voltages, calibration and medium)"
+            ),
+            _ => format!("{count} {reason}"),
+        })
+        .collect();
+    if said.is_empty() { "none".to_owned() } else { said.join(", ") }
 }

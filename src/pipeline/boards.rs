@@ -1,8 +1,8 @@
 //! The target in a capture's laser-off images.
 
-use crate::Error;
 use crate::pipeline::Progress;
 use crate::pipeline::load::{Reading, grey_view};
+use crate::{Error, Notes};
 use nalgebra::Vector2;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -20,8 +20,6 @@ pub(crate) struct Boards<'c> {
     /// By pose.
     pub(crate) seen: BTreeMap<u32, Seen<'c>>,
     pub(crate) square_mm: f64,
-    pub(crate) rejected: Vec<Rejected>,
-    pub(crate) losses: Vec<Problem>,
 }
 
 impl Boards<'_> {
@@ -37,7 +35,7 @@ fn chessboard(target: &Target) -> Result<Chessboard, BoardError> {
     Chessboard::new(columns, rows, target.square_mm)
 }
 
-/// Corners of the declared board, for each pose that shows it.
+/// Corners of the declared board, for each pose that shows it; lost and rejected images are noted.
 ///
 /// # Errors
 /// [`Error::BoardNotSeen`] where no image shows the whole declared board.
@@ -45,6 +43,7 @@ pub(crate) fn find<'c>(
     capture: &'c Capture,
     target: &Target,
     reading: Reading,
+    notes: &mut Notes,
     progress: &dyn Progress,
 ) -> Result<Boards<'c>, Error> {
     let board = chessboard(target).map_err(|source| Error::Board { path: capture.dir.clone(), source })?;
@@ -63,42 +62,34 @@ pub(crate) fn find<'c>(
         })
         .collect();
 
-    let mut boards = Boards {
-        seen: BTreeMap::new(),
-        square_mm: board.square_mm(),
-        rejected: Vec::new(),
-        losses: Vec::new(),
-    };
-    let (mut read, mut detections) = (Vec::new(), Vec::new());
+    let mut boards = Boards { seen: BTreeMap::new(), square_mm: board.square_mm() };
+    let (mut read, mut detections, mut losses) = (Vec::new(), Vec::new(), Vec::new());
     for (frame, found) in std::iter::zip(frames, found) {
         match found {
             Ok(detection) => {
+                if let Err(reason) = &detection {
+                    notes.rejected.push(Rejected { file: name(capture, frame), reason: reason.to_string() });
+                }
                 read.push(frame);
                 detections.push(detection);
             }
-            Err(error) => boards.losses.push(Problem::loss(frame.row, error)),
+            Err(error) => losses.push(Problem::loss(frame.row, error)),
         }
     }
-    if read.is_empty() && !boards.losses.is_empty() {
-        let first = Box::new(boards.losses.swap_remove(0).error);
+    if read.is_empty() && !losses.is_empty() {
+        let first = Box::new(losses.swap_remove(0).error);
         return Err(Error::NothingLeft { path: capture.dir.clone(), first });
     }
+    notes.problems.append(&mut losses);
     let labelled = label_capture(detections, &board)
         .map_err(|e| Error::BoardNotSeen { path: capture.dir.clone(), reason: e.to_string() })?;
     for (frame, detection) in std::iter::zip(read, labelled) {
-        match (detection, frame.pose) {
-            (Ok(detection), Some(pose)) => {
-                let corners: Vec<CornerPoint> = detection.corners.iter().map(|c| corner(&board, c)).collect();
-                // A pose photographed twice counts once, by the image that shows more of the board.
-                let better = boards.seen.get(&pose).is_none_or(|s| s.corners.len() < corners.len());
-                if better {
-                    boards.seen.insert(pose, Seen { frame, corners });
-                }
-            }
-            (Err(reason), _) => {
-                boards.rejected.push(Rejected { file: name(capture, frame), reason: reason.to_string() });
-            }
-            (Ok(_), None) => {}
+        let (Ok(detection), Some(pose)) = (detection, frame.pose) else { continue };
+        let corners: Vec<CornerPoint> = detection.corners.iter().map(|c| corner(&board, c)).collect();
+        // A pose photographed twice counts once, by the image that shows more of the board.
+        let better = boards.seen.get(&pose).is_none_or(|s| s.corners.len() < corners.len());
+        if better {
+            boards.seen.insert(pose, Seen { frame, corners });
         }
     }
     Ok(boards)

@@ -1,16 +1,18 @@
 //! Captures of a calibration → the calibrated instrument.
 
-use crate::Error;
 use crate::pipeline::Progress;
 use crate::pipeline::boards::{self, Boards, name};
 use crate::pipeline::load::Reading;
 use crate::pipeline::stripes::{direction, extract, extractor};
+use crate::{Error, Failure, Notes};
 use nalgebra::Vector2;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
-use uw_calib::{Across, BoardView, Method, Observations, Outside, Rejected, StripePoint, StripeView};
+use uw_calib::{
+    Across, BoardView, CalibError, Method, Observations, Outside, Rejected, StripePoint, StripeView,
+};
 use uw_io::calibration_toml::{CalibrationFile, CaptureSource};
-use uw_io::{Capture, FrameRecord, Kind, Medium, Problem, Rig};
+use uw_io::{Capture, FrameRecord, Kind, Medium, Problem, Rig, SaidBy};
 
 /// What to calibrate with.
 #[derive(Clone, Debug)]
@@ -48,23 +50,27 @@ pub struct Observed {
 /// The calibration from one or more capture folders, in air, water or both.
 ///
 /// # Errors
-/// [`Error`] where a file is wrong, no image shows the declared board, or the captures determine no calibration.
+/// [`Failure`] where a file is wrong, no image shows the declared board, or the captures determine no calibration.
 pub fn calibrate(
     captures: &[PathBuf],
     settings: &Settings,
     progress: &dyn Progress,
-) -> Result<Calibrated, Error> {
-    let Observed { observations, rig, sources, mut rejected, problems } =
-        observe(captures, settings, progress)?;
+) -> Result<Calibrated, Failure> {
+    let Observed { observations, rig, sources, rejected, problems } = observe(captures, settings, progress)?;
     progress.begin("adjustment", 1);
-    let known = rig.to_calib().map_err(uw_calib::CalibError::from)?;
-    let mut calibration = match settings.method {
-        Method::Joint => uw_calib::calibrate(&observations, &known)?,
-        Method::Paper => uw_calib::calibrate_by_paper(&observations, &known)?,
-    };
+    let solved = rig.to_calib().map_err(CalibError::from).and_then(|known| match settings.method {
+        Method::Joint => uw_calib::calibrate(&observations, &known),
+        Method::Paper => uw_calib::calibrate_by_paper(&observations, &known),
+    });
     progress.step();
-    rejected.append(&mut calibration.statistics.rejected);
-    calibration.statistics.rejected = rejected;
+    let mut calibration = match solved {
+        Ok(calibration) => calibration,
+        Err(error) => {
+            let notes = Notes { problems, rejected, ..Notes::default() };
+            return Err(Failure { error: Box::new(error.into()), notes });
+        }
+    };
+    calibration.statistics.rejected.splice(..0, rejected);
     let software = concat!("uwscan ", env!("CARGO_PKG_VERSION")).to_owned();
     Ok(Calibrated { file: CalibrationFile { calibration, rig, captures: sources, software }, problems })
 }
@@ -72,18 +78,34 @@ pub fn calibrate(
 /// Corners and stripes of one or more capture folders: all of [`calibrate`] that looks at images.
 ///
 /// # Errors
-/// [`Error`] where a file is wrong, or no image shows the declared board.
+/// [`Failure`] where a file is wrong, or no image shows the declared board.
 pub fn observe(
     captures: &[PathBuf],
     settings: &Settings,
     progress: &dyn Progress,
-) -> Result<Observed, Error> {
+) -> Result<Observed, Failure> {
+    let mut notes = Notes::default();
+    match look(captures, settings, &mut notes, progress) {
+        Ok((observations, rig, sources)) => {
+            let Notes { problems, rejected, .. } = notes;
+            Ok(Observed { observations, rig, sources, rejected, problems })
+        }
+        Err(error) => Err(Failure { error: Box::new(error), notes }),
+    }
+}
+
+fn look(
+    captures: &[PathBuf],
+    settings: &Settings,
+    notes: &mut Notes,
+    progress: &dyn Progress,
+) -> Result<(Observations, Rig, Vec<CaptureSource>), Error> {
     let captures: Vec<Capture> =
-        captures.iter().map(|path| open(path, settings)).collect::<Result<_, _>>()?;
+        captures.iter().map(|path| open(path, settings, notes)).collect::<Result<_, _>>()?;
     let rig_of = |c: &Capture| c.rig.clone().ok_or_else(|| Error::NoRig { path: c.dir.clone() });
     let rigs: Vec<Rig> = captures.iter().map(rig_of).collect::<Result<_, _>>()?;
     let Some(rig) = rigs.first().cloned() else {
-        return Err(uw_calib::CalibError::TooFewPoses { needed: 3, got: 0 }.into());
+        return Err(CalibError::TooFewPoses { needed: 3, got: 0 }.into());
     };
     let size = |r: &Rig| [r.camera.width, r.camera.height];
     for (capture, other) in std::iter::zip(&captures, &rigs) {
@@ -99,25 +121,21 @@ pub fn observe(
         }
     }
 
-    let mut problems = Vec::new();
-    let mut rejected = Vec::new();
     let mut found: Vec<Boards<'_>> = Vec::new();
     for (capture, rig) in std::iter::zip(&captures, &rigs) {
         let target = capture.target.as_ref().ok_or_else(|| wrong_kind(capture))?;
-        let mut boards = boards::find(capture, target, Reading::new(rig), progress)?;
-        problems.append(&mut boards.losses);
-        rejected.append(&mut boards.rejected);
-        found.push(boards);
+        found.push(boards::find(capture, target, Reading::new(rig, SaidBy::Rig), notes, progress)?);
     }
-    let samples: Vec<(&Capture, Reading, u8)> =
-        std::iter::zip(&captures, &rigs).map(|(c, r)| (c, Reading::new(r), r.camera.bits)).collect();
+    let samples: Vec<(&Capture, Reading, u8)> = std::iter::zip(&captures, &rigs)
+        .map(|(c, r)| (c, Reading::new(r, SaidBy::Rig), r.camera.bits))
+        .collect();
     let across = direction(&samples)?;
 
     let mut views = Vec::new();
     for ((capture, rig), boards) in std::iter::zip(std::iter::zip(&captures, &rigs), &found) {
         let outside = outside(capture, rig)?;
         let (stripes, lost) = stripes(capture, rig, boards, across, progress)?;
-        problems.extend(lost);
+        notes.problems.extend(lost);
         let mut by_pose: Vec<BoardView> = boards
             .seen
             .values()
@@ -136,24 +154,26 @@ pub fn observe(
             }
         }
         let without_board = capture.present().filter(|f| f.laser_on && !boards.shows(f));
-        rejected.extend(without_board.map(|frame| Rejected {
+        notes.rejected.extend(without_board.map(|frame| Rejected {
             file: name(capture, frame),
             reason: "no image of its pose shows the board".to_owned(),
         }));
         views.extend(by_pose);
     }
-    for (index, capture) in captures.into_iter().enumerate() {
-        // Warnings of one rig file given for all captures are said once.
-        let told =
-            |p: &Problem| index > 0 && settings.rig.as_deref().is_some_and(|rig| p.error.path() == rig);
-        problems.extend(capture.into_problems().into_iter().filter(|p| !told(p)));
-    }
-    let observations = Observations { across, views };
-    Ok(Observed { observations, rig, sources, rejected, problems })
+    Ok((Observations { across, views }, rig, sources))
 }
 
-fn open(path: &Path, settings: &Settings) -> Result<Capture, Error> {
-    let capture = Capture::open_with_rig(path, settings.rig.as_deref())?;
+fn open(path: &Path, settings: &Settings, notes: &mut Notes) -> Result<Capture, Error> {
+    let rig = settings.rig.as_deref();
+    // Warnings of one rig file given for all captures are said once.
+    let told = notes.problems.iter().any(|p| Some(p.error.path()) == rig);
+    let mut noticed = Vec::new();
+    let opened = Capture::open_noting(path, rig, &mut noticed).map(|mut capture| {
+        noticed = capture.take_problems();
+        capture
+    });
+    notes.problems.extend(noticed.into_iter().filter(|p| !(told && Some(p.error.path()) == rig)));
+    let capture = opened?;
     if capture.kind == Kind::Calibration { Ok(capture) } else { Err(wrong_kind(&capture)) }
 }
 
@@ -193,7 +213,7 @@ fn stripes<'c>(
     across: Across,
     progress: &dyn Progress,
 ) -> Result<(Stripes<'c>, Vec<Problem>), Error> {
-    let reading = Reading::new(rig);
+    let reading = Reading::new(rig, SaidBy::Rig);
     let frames: Vec<&FrameRecord> = capture.present().filter(|f| f.laser_on && boards.shows(f)).collect();
     progress.begin("stripes", frames.len());
     let make = || extractor(across, rig.camera.bits, true);

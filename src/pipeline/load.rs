@@ -1,7 +1,7 @@
 //! Images of a capture, decoded one at a time where they are used, so that memory stays bounded.
 
 use uw_calib::{GreyView, Layout, Samples, ViewError};
-use uw_io::{Capture, Expect, FrameRecord, GrayImage, Pixels, Reduce, Rig};
+use uw_io::{Capture, Expect, FrameRecord, GrayImage, Pixels, Reduce, Rig, SaidBy};
 use uw_stripe::{StripeError, View};
 
 /// How a capture's images are read.
@@ -12,8 +12,8 @@ pub(crate) struct Reading {
 }
 
 impl Reading {
-    pub(crate) fn new(rig: &Rig) -> Self {
-        Self { expect: Some((&rig.camera).into()), wavelength_nm: rig.laser.wavelength_nm }
+    pub(crate) fn new(rig: &Rig, said_by: SaidBy) -> Self {
+        Self { expect: Some(Expect::of(&rig.camera, said_by)), wavelength_nm: rig.laser.wavelength_nm }
     }
 
     /// The image of a frame as a stripe shows best in it.

@@ -6,7 +6,10 @@ use std::{
 };
 
 use clap::builder::styling::{AnsiColor, Style};
-use uwscan::io::{Problem, Severity};
+use uwscan::{
+    Failure, Notes,
+    io::{Problem, Severity},
+};
 
 use crate::{
     args::{Color, Global},
@@ -15,6 +18,9 @@ use crate::{
 
 /// Losses told one by one; the others are counted, and listed by --verbose.
 const LOSSES_TOLD: usize = 10;
+
+/// Images named that tests of quality rejected, where there is no result that lists them.
+const REJECTS_TOLD: usize = 3;
 
 /// Standard error, as the user wants it.
 #[derive(Debug)]
@@ -75,6 +81,21 @@ impl Console {
             self.warn(format_args!("lost: {more} more images; --verbose names them"));
         }
         if lost.is_empty() { Outcome::Done } else { Outcome::WithLoss }
+    }
+
+    /// Tells what a job had noticed when it failed: it may be the cause. The error itself is left to tell.
+    pub fn failure(&self, failure: Failure) -> anyhow::Error {
+        let Notes { problems, warnings, rejected } = failure.notes;
+        self.problems(&problems);
+        warnings.iter().for_each(|warning| self.warn(warning));
+        let told = if self.verbose() { rejected.len() } else { rejected.len().min(REJECTS_TOLD) };
+        for image in &rejected[..told] {
+            self.warn(format_args!("rejected: {}: {}", image.file, image.reason));
+        }
+        if let Some(more @ 1..) = rejected.len().checked_sub(told) {
+            self.warn(format_args!("rejected: {more} more images; --verbose names them"));
+        }
+        anyhow::Error::new(*failure.error)
     }
 
     /// Writes a line of diagnostics. Nobody can be told that standard error is closed.

@@ -6,7 +6,7 @@ use std::{
     path::Path,
 };
 
-use tempfile::Builder;
+use tempfile::{Builder, NamedTempFile};
 
 use crate::error::{Error, Place};
 
@@ -33,15 +33,7 @@ pub fn write(
     check(path, overwrite)?;
     let folder = folder(path);
     let failed = |action| Error::file(path, action);
-    let mut builder = Builder::new();
-    builder.prefix(".uwscan-").suffix(".tmp");
-    // A temporary file is private by default; an output is as readable as any other that the user makes.
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
-    let mut temporary = builder.tempfile_in(folder).map_err(Error::file(folder, "write into the folder"))?;
+    let mut temporary = temporary(folder)?;
     let mut buffer = BufWriter::with_capacity(1 << 18, temporary.as_file_mut());
     fill(&mut buffer).map_err(failed("write"))?;
     buffer.flush().map_err(failed("write"))?;
@@ -66,8 +58,8 @@ pub fn write(
     Ok(())
 }
 
-/// Whether an output can be written, as far as that can be told before the work that makes it: its folder is there,
-/// it is no folder itself, and it doesn't exist or may be replaced.
+/// Whether an output can be written, as far as that can be told before the work that makes it: its folder is there and
+/// can be written into, it is no folder or device itself, and it doesn't exist or may be replaced.
 ///
 /// # Errors
 /// As [`write()`].
@@ -92,11 +84,31 @@ pub fn check(path: &Path, overwrite: Overwrite) -> Result<(), Error> {
         Err(e) => return Err(Error::file(folder, "open the folder")(e)),
     }
     match path.symlink_metadata() {
-        Ok(_) if overwrite == Overwrite::Refuse => Err(Error::Exists { path: path.to_owned() }),
-        _ => Ok(()),
+        Ok(_) if overwrite == Overwrite::Refuse => return Err(Error::Exists { path: path.to_owned() }),
+        // Renaming over a device would take it away from everybody.
+        Ok(meta) if !meta.is_file() && !meta.is_symlink() => {
+            let what = "is a device, not a file";
+            return Err(Error::content(Place::file(path), what, "give the name of a file to write"));
+        }
+        Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(Error::file(path, "write")(e)),
+        _ => {}
     }
+    temporary(folder).map(drop)
 }
 
 fn folder(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// A file without a lasting name, which is gone when it is dropped.
+fn temporary(folder: &Path) -> Result<NamedTempFile, Error> {
+    let mut builder = Builder::new();
+    builder.prefix(".uwscan-").suffix(".tmp");
+    // A temporary file is private by default; an output is as readable as any other that the user makes.
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    builder.tempfile_in(folder).map_err(Error::file(folder, "write into the folder"))
 }

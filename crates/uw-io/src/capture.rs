@@ -128,6 +128,29 @@ impl Capture {
     /// # Errors
     /// As [`Capture::open`], and where the rig file is wrong.
     pub fn open_with_rig(dir: &Path, rig: Option<&Path>) -> Result<Self, Error> {
+        Self::open_noting(dir, rig, &mut Vec::new())
+    }
+
+    /// As [`Capture::open_with_rig`]; where it fails, what was warned of before is added to `noted`.
+    ///
+    /// # Errors
+    /// As [`Capture::open_with_rig`].
+    pub fn open_noting(dir: &Path, rig: Option<&Path>, noted: &mut Vec<Problem>) -> Result<Self, Error> {
+        let mut warnings = Vec::new();
+        match Self::checked(dir, rig, &mut warnings) {
+            Ok(mut capture) => {
+                capture.problems.splice(..0, warnings);
+                Ok(capture)
+            }
+            Err(error) => {
+                noted.append(&mut warnings);
+                Err(error)
+            }
+        }
+    }
+
+    /// The capture, with the problems of its images; what is odd in its text files goes to `problems`.
+    fn checked(dir: &Path, rig: Option<&Path>, problems: &mut Vec<Problem>) -> Result<Self, Error> {
         let meta = fs::metadata(dir).map_err(Error::file(dir, "open the capture folder"))?;
         if !meta.is_dir() {
             let what = "is a file, not a capture folder";
@@ -135,7 +158,6 @@ impl Capture {
         }
         let file = TomlFile::read(&dir.join("capture.toml"), FORMAT, VERSION)?;
         let CaptureRecord { kind, medium, mut target } = file.parse()?;
-        let mut problems = Vec::new();
         match (kind, &target) {
             (Kind::Calibration, None) => {
                 let mend = "add pattern, inner_corners and square_mm";
@@ -171,7 +193,7 @@ impl Capture {
             target,
             frames,
             rig,
-            problems,
+            problems: Vec::new(),
             missing: BTreeSet::new(),
         };
         capture.check_images()?;
@@ -188,9 +210,9 @@ impl Capture {
         &self.problems
     }
 
-    /// What [`Capture::problems`] shows, to keep.
-    pub fn into_problems(self) -> Vec<Problem> {
-        self.problems
+    /// What [`Capture::problems`] shows, to keep: the capture has none afterwards.
+    pub fn take_problems(&mut self) -> Vec<Problem> {
+        std::mem::take(&mut self.problems)
     }
 
     /// The frames whose image is there, in the order of capture.
@@ -255,11 +277,14 @@ impl Capture {
                     return Err(Error::content(place, what, "put the image itself into the folder"));
                 }
                 Ok(real) if real.is_file() => continue,
-                Ok(_) => Error::image(
-                    &path,
-                    "is a folder, not an image",
-                    format!("mend line {} of frames.csv", frame.line),
-                ),
+                Ok(other) => {
+                    let what = if other.is_dir() {
+                        "is a folder, not an image"
+                    } else {
+                        "is no file that holds an image"
+                    };
+                    Error::image(&path, what, format!("mend line {} of frames.csv", frame.line))
+                }
                 Err(e) if e.kind() == io::ErrorKind::NotFound && frame.file.contains('\\') => {
                     Error::image(&path, "is missing", "write / between folders, not \\, in frames.csv")
                 }

@@ -118,8 +118,12 @@ impl Gather {
         let room = expected.min(1 << 20);
         let find = |name: &str| names.iter().position(|n| *n == name);
         let Some(position) = all(["x", "y", "z"].map(find)) else {
-            let what = format!("has no vertices with x, y and z (its columns: {})", names.join(" "));
-            return Err(Error::content(Place::file(path), what, "give a file of points"));
+            let what = format!("has no points with x, y and z (its columns: {})", names.join(" "));
+            return Err(Error::content(
+                Place::file(path),
+                what,
+                "give a file of points, its columns named so",
+            ));
         };
         Ok(Self {
             path: path.to_owned(),
@@ -139,6 +143,14 @@ impl Gather {
         let position = self.position.map(|at| row[at]);
         if let Some(value) = position.into_iter().find(|v| !v.is_finite()) {
             return Err(format!("a coordinate is {value}, not a finite number"));
+        }
+        if let Some((at, _)) = &self.covariance {
+            // The variances among the six; whether they are finite is checked at the end.
+            for (name, value) in [0, 3, 5].map(|k| (COVARIANCE[k], row[at[k]])) {
+                if value < 0.0 {
+                    return Err(format!("{name} is {value}, but a variance is not negative"));
+                }
+            }
         }
         if let Some((at, rows)) = &mut self.frame {
             let value = row[*at];
@@ -172,11 +184,11 @@ impl Gather {
         let mut warnings = Vec::new();
         if let Some(unit) = unit.filter(|unit| *unit != "mm") {
             let what = format!("its unit is \"{unit}\"");
-            return Err(Error::content(place, what, "convert it to millimetres (comment unit mm)"));
+            return Err(Error::content(place, what, "convert it to millimetres, and let its unit say mm"));
         }
         if let Some(value) = self.foreign_frame {
-            let what = format!("frame {value} is no row of frames.csv");
-            warnings.push(Problem::warning(place.clone(), what, "the column \"frame\" is ignored"));
+            let what = format!("{value} is no row of frames.csv");
+            warnings.push(Problem::warning(place.clone().key("frame"), what, "the column is ignored"));
         }
         let named = frame.map(|name| (name, Frame::from_name(name)));
         let frame = match named {

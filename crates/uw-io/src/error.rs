@@ -101,18 +101,25 @@ pub enum Error {
         /// What to do.
         mend: String,
     },
-    /// An image has another size than the rig's camera.
+    /// An image has another size than its camera.
     #[error(
-        "{}: the image is {} x {} pixels, the rig's camera {} x {}; mend width and height in rig.toml, or give the rig of this camera with --rig",
-        path.display(), got[0], got[1], needed[0], needed[1]
+        "{}: the image is {} x {} pixels, but {} x {} {}", path.display(), got[0], got[1], needed[0], needed[1], said_by.size()
     )]
     ImageSize {
         /// The image.
         path: PathBuf,
-        /// Width and height of the rig's camera, pixels.
+        /// Width and height that were expected, pixels.
         needed: [u32; 2],
         /// Width and height of the image, pixels.
         got: [u32; 2],
+        /// What made expect them.
+        said_by: SaidBy,
+    },
+    /// A point cloud's name has no ending that tells its format.
+    #[error("{}: a point cloud's name ends in {}", path.display(), crate::clouds::ENDINGS)]
+    Ending {
+        /// The cloud.
+        path: PathBuf,
     },
     /// The output exists and may not be replaced.
     #[error("{}: exists already; give another name, or --force to replace it", path.display())]
@@ -129,6 +136,7 @@ impl Error {
             Self::File { path, .. }
             | Self::Image { path, .. }
             | Self::ImageSize { path, .. }
+            | Self::Ending { path }
             | Self::Exists { path } => path,
             Self::Format { place, .. } | Self::Version { place, .. } | Self::Content { place, .. } => {
                 &place.path
@@ -157,7 +165,45 @@ fn mend_io(source: &io::Error) -> &'static str {
         io::ErrorKind::NotADirectory => "; give a folder, or check the path",
         io::ErrorKind::StorageFull => "; free some space",
         io::ErrorKind::ReadOnlyFilesystem => "; write to another place",
-        _ => "",
+        io::ErrorKind::InvalidFilename => "; give a shorter name",
+        _ => "; check the path, its links and its disk",
+    }
+}
+
+/// What says how a camera's images are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SaidBy {
+    /// The rig file.
+    Rig,
+    /// The calibration.
+    Calibration,
+    /// The other images of the capture.
+    Others,
+}
+
+impl SaidBy {
+    fn size(self) -> &'static str {
+        match self {
+            Self::Rig => {
+                "in the rig file; mend its width and height, or give the rig of this camera with --rig"
+            }
+            Self::Calibration => "in the calibration; give the calibration of this camera",
+            Self::Others => "are most of the others; take it out, or put the whole one back",
+        }
+    }
+
+    /// What to do about values with more bits than this says.
+    pub(crate) fn bits(self) -> &'static str {
+        match self {
+            Self::Rig | Self::Others => {
+                "mend bits in the rig file; values that the camera shifted to the left must be shifted back, or counted \
+                 with bits = 16"
+            }
+            Self::Calibration => {
+                "give the calibration of this camera; where the rig file had other bits than the camera has, mend it and \
+                 calibrate again"
+            }
+        }
     }
 }
 

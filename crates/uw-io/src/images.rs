@@ -4,7 +4,7 @@ use std::{fs, io::Cursor, path::Path};
 
 use image::{DynamicImage, ImageError, ImageReader};
 
-use crate::error::Error;
+use crate::error::{Error, SaidBy};
 
 /// How colour becomes one channel. Grey images are taken as they are.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,30 +38,33 @@ pub struct GrayImage {
     pub full_scale: u16,
 }
 
-/// What the rig says of its camera's images.
+/// What is known of a camera's images before one is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Expect {
     /// Width and height, pixels.
     pub size: [u32; 2],
     /// Significant bits, 1 to 16.
     pub bits: u8,
+    /// What says so.
+    pub said_by: SaidBy,
 }
 
-impl From<&crate::rig::Camera> for Expect {
-    fn from(camera: &crate::rig::Camera) -> Self {
-        Self { size: [camera.width, camera.height], bits: camera.bits }
+impl Expect {
+    /// What a rig's camera makes, as a rig file or a calibration says it.
+    pub fn of(camera: &crate::rig::Camera, said_by: SaidBy) -> Self {
+        Self { size: [camera.width, camera.height], bits: camera.bits, said_by }
     }
 }
 
 /// The largest image that is decoded: 1 GiB of values, so that a lie in a header costs an error and not the memory.
 const MOST_BYTES: u64 = 1 << 30;
 
-/// The image in a file, in one channel, held against what the rig says where that is given. One call decodes one
+/// The image in a file, in one channel, held against what is known of its camera where that is given. One call decodes one
 /// image on the thread that calls.
 ///
 /// # Errors
 /// [`Error::File`] where it cannot be read, [`Error::Image`] where it cannot be decoded or has values above the
-/// rig's bits, [`Error::ImageSize`] where its size is another than the rig's.
+/// camera's bits, [`Error::ImageSize`] where its size is another than the camera's.
 pub fn read(path: &Path, reduce: Reduce, expect: Option<Expect>) -> Result<GrayImage, Error> {
     let bytes = fs::read(path).map_err(Error::file(path, "read the image"))?;
     decode(&bytes, path, reduce, expect)
@@ -196,7 +199,12 @@ fn channel(wavelength_nm: f64) -> usize {
 fn hold_against(mut image: GrayImage, path: &Path, expect: Expect) -> Result<GrayImage, Error> {
     let got = [image.width, image.height];
     if got != expect.size {
-        return Err(Error::ImageSize { path: path.to_owned(), needed: expect.size, got });
+        return Err(Error::ImageSize {
+            path: path.to_owned(),
+            needed: expect.size,
+            got,
+            said_by: expect.said_by,
+        });
     }
     let full_scale = (u32::MAX >> (32 - u32::from(expect.bits.clamp(1, 16)))) as u16;
     image.full_scale = image.full_scale.min(full_scale);
@@ -207,9 +215,7 @@ fn hold_against(mut image: GrayImage, path: &Path, expect: Expect) -> Result<Gra
     };
     if largest > full_scale {
         let what = format!("has a value of {largest}, but {} bits end at {full_scale}", expect.bits);
-        let mend = "mend bits in rig.toml; values that the camera shifted to the left must be shifted back, \
-                    or counted with bits = 16";
-        return Err(Error::image(path, what, mend));
+        return Err(Error::image(path, what, expect.said_by.bits()));
     }
     Ok(image)
 }

@@ -10,12 +10,13 @@
 //! | [`rig`] | `rig.toml` | [`Rig`] |
 //! | [`calibration_toml`] | `calibration.toml` | [`CalibrationFile`] |
 //! | [`images`] | PNG, TIFF, JPEG, PNM | [`GrayImage`] |
-//! | [`ply`], [`xyz`] | PLY; XYZ and CSV | [`uw_cloud::PointCloud`] |
+//! | [`clouds`] ([`ply`], [`xyz`]) | PLY; XYZ and CSV | [`uw_cloud::PointCloud`] |
 //! | [`atomic`] | any output | written whole or not at all |
 
 pub mod atomic;
 pub mod calibration_toml;
 pub mod capture;
+pub mod clouds;
 mod columns;
 mod error;
 mod frames;
@@ -29,6 +30,6 @@ pub mod xyz;
 pub use atomic::Overwrite;
 pub use calibration_toml::{CalibrationFile, CaptureSource};
 pub use capture::{Capture, FrameRecord, Kind, Medium, Target};
-pub use error::{Error, Place, Problem, Severity};
+pub use error::{Error, Place, Problem, SaidBy, Severity};
 pub use images::{Expect, GrayImage, Pixels, Reduce};
 pub use rig::{Priors, Rig, Water};

@@ -15,6 +15,9 @@ use crate::{
 
 const LIMIT: u64 = 16 << 20;
 
+/// The keys of our formats that are tables.
+const TABLES: [&str; 8] = ["camera", "galvo", "laser", "port", "rig", "statistics", "target", "water"];
+
 /// A TOML file of a known format, whose keys can be found again when one of them is wrong.
 pub(crate) struct TomlFile {
     path: PathBuf,
@@ -98,10 +101,34 @@ impl TomlFile {
         Place { line, column, ..Place::file(&self.path) }
     }
 
+    /// The innermost key whose name or value covers an offset; `None` outside all keys, or in a text that is no TOML.
+    fn key_at(&self, offset: usize) -> Option<String> {
+        fn find(table: &DeTable<'_>, offset: usize) -> Option<String> {
+            table.iter().find_map(|(name, value)| {
+                let inside = |inner| find(inner, offset).map(|key| format!("{}.{key}", name.get_ref()));
+                let deeper = match value.get_ref() {
+                    DeValue::Table(inner) => inside(inner),
+                    DeValue::Array(rows) => rows.iter().find_map(|row| inside(row.get_ref().as_table()?)),
+                    _ => None,
+                };
+                let here = name.span().contains(&offset) || value.span().contains(&offset);
+                deeper.or_else(|| here.then(|| name.get_ref().to_string()))
+            })
+        }
+        find(DeTable::parse(&self.text).ok()?.get_ref(), offset)
+    }
+
     /// Says what serde or the parser found, in the words of a person who edits the file.
     fn translate(&self, e: &toml::de::Error) -> Error {
-        let place = self.at(e.span().map(|s| s.start));
+        let offset = e.span().map(|s| s.start);
         let message = e.message().replace('\n', ", ");
+        let mut place = self.at(offset);
+        place.key = offset.and_then(|o| self.key_at(o));
+        // Where a key is missing from the file's top, serde points at the first key that is there.
+        let is_table = |key: &String| key.rsplit('.').next().is_some_and(|last| TABLES.contains(&last));
+        if message.starts_with("missing field") && !place.key.as_ref().is_some_and(is_table) {
+            place = self.at(None);
+        }
         // serde names the unknown word first and then the ones it knows, each between backticks.
         let mut quoted = message.split('`').skip(1).step_by(2);
         let word = quoted.next().unwrap_or_default();
@@ -116,13 +143,33 @@ impl TomlFile {
                 None => "use one of the names above".into(),
             }
         } else if message.starts_with("missing field") {
-            format!("add a line: {word} = …")
+            if TABLES.contains(&word) {
+                let above = place.key.as_ref().map_or(String::new(), |key| format!("{key}."));
+                format!("add the table [{above}{word}], or get the whole file")
+            } else {
+                format!("add a line: {word} = …")
+            }
         } else if message.starts_with("invalid") {
-            "mend the value".into()
+            wanted(message.rsplit_once("expected ").map_or("", |(_, expected)| expected))
         } else {
             "mend the TOML here".into()
         };
         Error::content(place, message, mend)
+    }
+}
+
+/// What to write where serde expected something else.
+fn wanted(expected: &str) -> String {
+    match expected {
+        "f32" | "f64" => "write a number, such as 1.5".into(),
+        "u8" | "u16" | "u32" | "u64" => "write a whole number from 0".into(),
+        "a string" | "string" => "write a text between quotation marks".into(),
+        "a sequence" => "write a list, such as [1.0, 2.0]".into(),
+        e if e.starts_with("struct ") => {
+            "write a table of its own: [name], then a line for each of its keys".into()
+        }
+        e if e.ends_with(" values") => format!("write {e}, no more and no fewer"),
+        _ => "mend the value".into(),
     }
 }
 

@@ -89,7 +89,8 @@ pub fn read(path: &Path) -> Result<(PointCloud, Vec<Problem>), Error> {
         };
         let words = || line.split([' ', '\t', ',', ';']).map(str::trim).filter(|w| !w.is_empty());
         let lower = || words().map(|w| w.trim_matches('"').to_ascii_lowercase()).collect::<Vec<_>>();
-        let is_names = gather.is_none() && lower().starts_with(&["x".into(), "y".into(), "z".into()]);
+        let is_names =
+            gather.is_none() && ["x", "y", "z"].iter().all(|name| lower().iter().any(|w| w == name));
         if is_names {
             names = Some(lower());
         } else if comment {
@@ -103,6 +104,11 @@ pub fn read(path: &Path) -> Result<(PointCloud, Vec<Problem>), Error> {
             for word in words() {
                 match word.parse::<f64>() {
                     Ok(value) => values.push(value),
+                    Err(_) if gather.is_none() && names.is_none() => {
+                        let what =
+                            format!("\"{word}\" is no number, and the line names no columns x, y and z");
+                        return fail(what, "name the columns x, y and z, or put # before the line");
+                    }
                     Err(_) => {
                         return fail(format!("\"{word}\" is no number"), "mend the line, or put # before it");
                     }

@@ -79,13 +79,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let progress = Progress::new(console);
     let result = calibrate(&args.captures, &settings, &progress);
     drop(progress);
-    let calibrated = result?;
+    let calibrated = result.map_err(|failure| console.failure(failure))?;
+    let outcome = console.problems(&calibrated.problems);
+    calibrated.file.calibration.warnings.iter().for_each(|warning| console.warn(warning));
     calibration_toml::write(&args.output, overwrite, &calibrated.file)?;
     let seconds = began.elapsed().as_secs_f64();
 
     let calibration = &calibrated.file.calibration;
-    let outcome = console.problems(&calibrated.problems);
-    calibration.warnings.iter().for_each(|warning| console.warn(warning));
     if args.json {
         let quantities = calibration.quantities();
         output::json(&Record {

@@ -2,7 +2,10 @@
 
 use clap::Subcommand;
 use serde::Serialize;
-use uwscan::cloud::{Deviations, PlaneFit, PlaneOptions, SphereFit, SphereOptions, fit_plane, fit_sphere};
+use uwscan::{
+    cloud::{Deviations, PlaneFit, PlaneOptions, SphereFit, SphereOptions, fit_plane, fit_sphere},
+    io::clouds,
+};
 
 use crate::{
     cloud_file::CloudFile,
@@ -45,10 +48,13 @@ struct SphereArgs {
     radius: Option<f64>,
 }
 
+/// A kilometre: no sphere that an instrument sees is larger.
+const LARGEST_RADIUS_MM: f64 = 1e6;
+
 fn radius(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(radius) if radius.is_finite() && radius > 0.0 => Ok(radius),
-        Ok(_) => Err("give a positive number of millimetres".into()),
+        Ok(radius) if radius > 0.0 && radius <= LARGEST_RADIUS_MM => Ok(radius),
+        Ok(_) => Err(format!("give a positive number of millimetres, at most {LARGEST_RADIUS_MM}")),
         Err(e) => Err(e.to_string()),
     }
 }
@@ -139,7 +145,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         Shape::Sphere(args) => &args.cloud,
         Shape::Plane(args) => args,
     };
-    let (cloud, problems) = source.cloud.read()?;
+    let (cloud, problems) = clouds::read(&source.cloud.path)?;
     let outcome = console.problems(&problems);
     let of_cloud = |e: uwscan::cloud::FitError| anyhow::anyhow!("{}: {e}", source.cloud.path.display());
     let rest = |d: &Deviations| Rest::new(d, cloud.frame().name(), output::warnings(&[], &problems));

@@ -8,10 +8,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use serde::Serialize;
-use uwscan::io::{Error, Problem, Rig, calibration_toml};
+use uwscan::io::{Error, Problem, Rig, calibration_toml, clouds};
 
 use crate::{
-    cloud_file::CloudFile,
     console::Console,
     exit::{Outcome, chain},
     output::{self, Lost},
@@ -46,7 +45,7 @@ enum What {
 
 #[derive(Serialize)]
 struct Record<'a> {
-    file: &'a Path,
+    file: String,
     sound: bool,
     #[serde(flatten)]
     what: Option<&'a What>,
@@ -61,13 +60,21 @@ struct Record<'a> {
 /// # Errors
 /// The file is not sound, or of no kind that is known.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
-    let content = match look(&args.file, console) {
+    let file = args.file.display().to_string();
+    let mut noted = Vec::new();
+    let content = match look(&args.file, &mut noted, console) {
         Ok(content) => content,
         Err(error) => {
+            console.problems(&noted);
             if args.json {
-                let error = Some(chain(&error));
-                let (warnings, lost) = (Vec::new(), Vec::new());
-                output::json(&Record { file: &args.file, sound: false, what: None, warnings, lost, error })?;
+                output::json(&Record {
+                    file,
+                    sound: false,
+                    what: None,
+                    warnings: output::warnings(&[], &noted),
+                    lost: output::lost(&noted),
+                    error: Some(chain(&error)),
+                })?;
             }
             return Err(error);
         }
@@ -76,7 +83,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     content.warnings.iter().for_each(|warning| console.warn(warning));
     if args.json {
         output::json(&Record {
-            file: &args.file,
+            file,
             sound: outcome == Outcome::Done,
             what: Some(&content.what),
             warnings: output::warnings(&content.warnings, &content.problems),
@@ -85,22 +92,23 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         })?;
     } else {
         let verdict = if outcome == Outcome::Done { "sound" } else { "usable, with losses" };
-        output::print(format!("{}: {verdict}\n{}", args.file.display(), content.text))?;
+        output::print(format!("{file}: {verdict}\n{}", content.text))?;
     }
     Ok(outcome)
 }
 
-fn look(path: &Path, console: &Console) -> anyhow::Result<Content> {
+/// What the file holds; where it is not sound, what was found before that is added to `noted`.
+fn look(path: &Path, noted: &mut Vec<Problem>, console: &Console) -> anyhow::Result<Content> {
     if path.is_dir() {
-        return capture::look(path, console);
+        return capture::look(path, noted, console);
     }
     let ends = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
     if ends("toml") {
-        return toml(path, console);
+        return toml(path, noted, console);
     }
-    match CloudFile::new(path) {
-        Some(file) => Ok(cloud::look(&file)?),
-        None => bail!(
+    match clouds::Format::of(path) {
+        Ok(_) => Ok(cloud::look(path)?),
+        Err(_) => bail!(
             "{}: this is neither a capture folder nor a .toml, .ply, .xyz or .csv file; give one of these",
             path.display()
         ),
@@ -108,10 +116,10 @@ fn look(path: &Path, console: &Console) -> anyhow::Result<Content> {
 }
 
 /// A TOML file is what its `format` says.
-fn toml(path: &Path, console: &Console) -> anyhow::Result<Content> {
+fn toml(path: &Path, noted: &mut Vec<Problem>, console: &Console) -> anyhow::Result<Content> {
     if path.file_name().is_some_and(|name| name == "capture.toml") {
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
-        return capture::look(folder.unwrap_or(Path::new(".")), console);
+        return capture::look(folder.unwrap_or(Path::new(".")), noted, console);
     }
     match calibration_toml::read(path) {
         Err(Error::Format { .. }) => {}

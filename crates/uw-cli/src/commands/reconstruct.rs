@@ -6,7 +6,7 @@ use clap::{ValueEnum, error::ErrorKind};
 use serde::Serialize;
 use uwscan::{
     cloud::Frame,
-    io::{Medium, atomic, calibration_toml, ply::Encoding},
+    io::{Medium, atomic, calibration_toml, clouds},
     pipeline::reconstruct::{Reconstructed, Refraction, Settings, WaterIndex, reconstruct},
 };
 
@@ -137,6 +137,16 @@ struct Record<'a> {
     lost: Vec<Lost>,
     seconds: f64,
     points_per_second: f64,
+    thread_seconds: ThreadSeconds,
+}
+
+/// Time in each stage, summed over the threads.
+#[derive(Serialize)]
+struct ThreadSeconds {
+    decode: f64,
+    extract: f64,
+    triangulate: f64,
+    write: f64,
 }
 
 /// Reconstructs, writes the cloud and prints what came out.
@@ -149,17 +159,19 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let overwrite = overwrite(args.force);
     atomic::check(&args.output.path, overwrite)?;
     let (calibration, mut problems) = calibration_toml::read(&args.calibration)?;
+    console.problems(&problems);
     let progress = Progress::new(console);
     let result = reconstruct(&args.capture, &calibration, &settings, &progress);
     drop(progress);
-    let mut made = result?;
-    let encoding = if args.ascii { Encoding::Ascii } else { Encoding::Binary };
-    args.output.write(overwrite, &made.cloud, encoding)?;
-    let seconds = began.elapsed().as_secs_f64();
-
-    problems.append(&mut made.problems);
-    let outcome = console.problems(&problems);
+    let mut made = result.map_err(|failure| console.failure(failure))?;
+    let outcome = console.problems(&made.problems);
     made.warnings.iter().for_each(|warning| console.warn(warning));
+    problems.append(&mut made.problems);
+    let written = Instant::now();
+    let format = if args.ascii { args.output.format.as_text() } else { args.output.format };
+    clouds::write(&args.output.path, overwrite, &made.cloud, format)?;
+    let (seconds, write) = (began.elapsed().as_secs_f64(), written.elapsed().as_secs_f64());
+
     let record = Record {
         points: made.cloud.len(),
         frames: made.frames,
@@ -171,6 +183,12 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         lost: output::lost(&problems),
         seconds,
         points_per_second: made.cloud.len() as f64 / seconds.max(f64::MIN_POSITIVE),
+        thread_seconds: ThreadSeconds {
+            decode: made.spent.decode.as_secs_f64(),
+            extract: made.spent.extract.as_secs_f64(),
+            triangulate: made.spent.triangulate.as_secs_f64(),
+            write,
+        },
     };
     if args.json {
         output::json(&record)?;

@@ -52,7 +52,7 @@ fn slips_in_capture_toml() {
         ("kind = \"calibration\"", "kind = \"picnic\"", &[":3:", "picnic", "scan"]),
         ("medium = \"air\"", "medium = \"oil\"", &[":4:", "oil"]),
         ("square_mm = 24.0", "square_mm = nan", &["target.square_mm"]),
-        ("[11, 8]", "[11, 8, 3]", &[":8:", "expected 2 values"]),
+        ("[11, 8]", "[11, 8, 3]", &[":8:17: target.inner_corners", "expected 2 values", "write 2 values"]),
         ("[11, 8]", "[11, 1]", &["inner_corners", "at least 3"]),
         ("square_mm", "squaremm", &["squaremm"]),
         ("[target]", "[target", &[":6:"]),
@@ -117,7 +117,7 @@ fn images_that_no_camera_made() {
     );
     refused(|dir| all(dir, &|image| write_grey(image, 65, 48)), &["none of its images"]);
     // Sound images, but nothing is on them.
-    refused(|_| (), &["no chessboard was found in any of 4 images"]);
+    refused(|_| (), &["11 x 8", "no chessboard was found in any of 4 images", "inner_corners"]);
 }
 
 #[test]
@@ -148,4 +148,57 @@ fn outputs_that_cannot_be_written_are_refused_before_the_work() {
     let args = ["calibrate".as_ref(), dir.path().as_os_str(), "--force".as_ref()];
     uwscan(args.into_iter().chain(["-o".as_ref(), taken.as_os_str()])).fails(&["no chessboard was found"]);
     assert_eq!(fs::read_to_string(&taken).unwrap(), "precious");
+}
+
+#[test]
+fn warnings_are_told_though_the_run_fails() {
+    let (dir, out) = (blank_capture(), TempDir::new().unwrap());
+    edit(dir.path(), "rig.toml", "focal_mm = 12.0", "focal_mm = 0.012");
+    fs::write(dir.path().join("images/0.pgm"), "").unwrap();
+    let target = out.path().join("c.toml");
+    let calibrate =
+        || uwscan(["calibrate".as_ref(), dir.path().as_os_str(), "-o".as_ref(), target.as_os_str()]);
+    let told = |stderr: &str, parts: &[&str]| {
+        let line = |part: &&str| {
+            assert!(
+                stderr.lines().any(|l| l.starts_with("warning: ") && l.contains(*part)),
+                "{part}: {stderr}"
+            );
+        };
+        parts.iter().for_each(line);
+    };
+    let run = calibrate();
+    run.fails(&["no chessboard was found in any of 3 images"]);
+    told(
+        &run.stderr,
+        &["focal_mm: 0.012 mm is an unusual", "lost: ", "0.pgm: is an empty file", "rejected: "],
+    );
+    edit(dir.path(), "frames.csv", "on,0.5", "dim,0.5");
+    let run = calibrate();
+    run.fails(&["frames.csv:3: laser"]);
+    told(&run.stderr, &["focal_mm: 0.012 mm is an unusual"]);
+    let info = uwscan(["info".as_ref(), dir.path().as_os_str(), "--json".as_ref()]).json(1);
+    assert!(info["error"].as_str().unwrap().contains("frames.csv:3: laser"), "{info}");
+    assert!(info["warnings"][0].as_str().unwrap().contains("focal_mm"), "{info}");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_name_that_is_no_utf8_is_still_a_name() {
+    use std::os::unix::ffi::OsStrExt;
+    let dir = TempDir::new().unwrap();
+    let file = dir.path().join(std::ffi::OsStr::from_bytes(b"\xff.xyz"));
+    fs::write(&file, "1 2 3\n").unwrap();
+    let info = uwscan(["info".as_ref(), file.as_os_str(), "--json".as_ref()]).json(0);
+    assert!(info["file"].as_str().unwrap().ends_with(".xyz"), "{info}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_device_is_not_replaced() {
+    let dir = blank_capture();
+    let args = ["calibrate".as_ref(), dir.path().as_os_str(), "--force".as_ref(), "-o".as_ref()];
+    let run = uwscan(args.into_iter().chain(["/dev/full".as_ref()]));
+    run.fails(&["/dev/full", "is a device"]);
+    assert!(!run.stderr.contains("boards"), "work began: {}", run.stderr);
 }

@@ -120,9 +120,16 @@ fn a_ball_is_reconstructed_and_measured() {
             "refraction",
             "rejected",
             "seconds",
+            "thread_seconds",
             "warnings"
         ]
     );
+    assert_eq!(keys(&result["thread_seconds"]), ["decode", "extract", "triangulate", "write"]);
+    let stages = result["thread_seconds"].as_object().unwrap().values();
+    assert!(stages.clone().all(|s| s.as_f64().unwrap() > 0.0), "{result}");
+    // On one thread, the stages are parts of the whole.
+    let sum: f64 = stages.map(|s| s.as_f64().unwrap()).sum();
+    assert!(sum < result["seconds"].as_f64().unwrap(), "{result}");
     has_numbers(&result, &["/points", "/seconds", "/points_per_second", "/index"]);
     assert_eq!((&result["frame"], &result["refraction"]), (&"camera".into(), &"exact".into()));
     assert!(result["rejected"].as_object().unwrap().values().all(Value::is_u64), "{result}");
@@ -178,6 +185,71 @@ fn lost_images_of_a_scan_end_with_3() {
         assert!(run.stderr.contains(image), "{image} in {}", run.stderr);
         assert!(lost.iter().any(|l| l["file"].as_str().unwrap().ends_with(image)), "{image} in {lost:?}");
     }
+}
+
+#[test]
+fn a_scan_without_a_point_says_what_its_rows_lack() {
+    let out = TempDir::new().unwrap();
+    let ply = out.path().join("a.ply");
+    let scan = part_of("ball", |row, _| (20..23).contains(&row));
+    let frames = fs::read_to_string(scan.path().join("frames.csv")).unwrap();
+    let with = |fields: [&str; 3]| {
+        let rows = frames.lines().enumerate().map(|(i, line)| {
+            let f: Vec<&str> = line.split(',').collect();
+            if i == 0 { line.to_owned() } else { [f[0], fields[0], fields[1], fields[2], f[4]].join(",") }
+        });
+        fs::write(scan.path().join("frames.csv"), rows.collect::<Vec<_>>().join("\n")).unwrap();
+        reconstruct(scan.path(), &ply, &[])
+    };
+    with(["", "off", ""]).fails(&["no image has the laser on", "frames.csv"]);
+    let run = with(["", "on", "-47"]);
+    run.fails(&["no point came out of 3 images", "no_intersection", "check voltages"]);
+    assert!(run.stderr.contains("warning: ") && run.stderr.contains("range_v"), "{}", run.stderr);
+    // Images of another camera than the calibration's: there is no --rig to mend that here.
+    for image in crate::samples::names(&scan.path().join("images")) {
+        crate::samples::write_grey(&scan.path().join("images").join(image), 64, 48);
+    }
+    let run = with(["", "on", "0.5"]);
+    run.fails(&["64 x 48", "768 x 576 in the calibration", "calibration of this camera"]);
+    assert!(!run.stderr.contains("--rig"), "{}", run.stderr);
+    assert_eq!(crate::samples::names(out.path()), [""; 0]);
+}
+
+#[test]
+fn a_water_index_that_is_not_used_or_not_likely_is_warned_of() {
+    let out = TempDir::new().unwrap();
+    let scan = part_of("ball", |row, _| (20..23).contains(&row));
+    let warned = |name: &str, more: &[&str], part: &str| {
+        let args: Vec<&str> = more.iter().copied().chain(["--json"]).collect();
+        let run = reconstruct(scan.path(), &out.path().join(name), &args);
+        let result = run.json(0);
+        let warnings = result["warnings"].as_array().unwrap();
+        assert!(warnings.iter().any(|w| w.as_str().unwrap().contains(part)), "{result}");
+        assert!(run.stderr.contains(part), "{}", run.stderr);
+    };
+    warned("a.ply", &["--water-index", "2.0"], "2.00000 is unusual for water");
+    warned("b.ply", &["--water-index", "1.34", "--refraction", "none"], "is not used");
+    edit(scan.path(), "capture.toml", "\"water\"", "\"air\"");
+    warned("c.ply", &["--water-index", "1.34"], "captured in air");
+    let salt = ["--temperature", "12", "--salinity", "35", "--depth", "2"];
+    warned("d.ply", &salt, "captured in air");
+}
+
+#[test]
+fn a_background_that_cannot_be_read_is_a_loss() {
+    let out = TempDir::new().unwrap();
+    let scan = part_of("ball", |row, _| (20..24).contains(&row));
+    let frames = fs::read_to_string(scan.path().join("frames.csv")).unwrap();
+    let dark = frames.lines().nth(1).unwrap().split(',').next().unwrap().to_owned();
+    let rows = frames.lines().map(|line| {
+        let f: Vec<&str> = line.split(',').collect();
+        if f[0] == dark { format!("{dark},,off,,{}", f[4]) } else { line.to_owned() }
+    });
+    fs::write(scan.path().join("frames.csv"), rows.collect::<Vec<_>>().join("\n")).unwrap();
+    fs::write(scan.path().join(&dark), "torn").unwrap();
+    let result = reconstruct(scan.path(), &out.path().join("a.ply"), &["--json"]).json(3);
+    assert_eq!(result["frames"], 3);
+    assert!(result["lost"][0]["file"].as_str().unwrap().ends_with(&dark), "{result}");
 }
 
 #[test]

@@ -11,6 +11,7 @@ fn wrong_usage_ends_with_2_and_says_what_is_meant() {
         (&["calibrate", "-o", "b.toml"], &["<CAPTURE>"]),
         (&["calibrate", "a", "-o", "b.toml", "--method", "magic"], &["joint", "paper"]),
         (&["calibrate", "a", "-o", "b.toml", "--threads", "0"], &["--threads"]),
+        (&["calibrate", "a", "-o", "b.toml", "--threads", "100000"], &["--threads", "from 1 to 1024"]),
         (&["calibrate", "a", "-o", "b.toml", "-q", "-v"], &["--quiet", "--verbose"]),
         (&["reconstruct", "a", "-o", "b.ply"], &["--calibration"]),
         (&["reconstruct", "a", "-c", "c", "-o", "b.stl"], &["b.stl", ".ply, .xyz or .csv"]),
@@ -46,6 +47,7 @@ fn wrong_usage_ends_with_2_and_says_what_is_meant() {
         (&["fit", "sphere", "a.las"], &["a.las", ".ply, .xyz or .csv"]),
         (&["fit", "sphere", "a.ply", "--radius", "-3"], &["--radius", "positive number of millimetres"]),
         (&["fit", "sphere", "a.ply", "--radius", "inf"], &["positive number of millimetres"]),
+        (&["fit", "sphere", "a.ply", "--radius", "1e300"], &["positive number of millimetres"]),
         (&["fit", "plane", "a.ply", "--radius", "3"], &["--radius"]),
         (&["completions", "csh"], &["bash", "zsh", "fish"]),
     ];

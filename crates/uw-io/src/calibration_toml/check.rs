@@ -56,6 +56,7 @@ pub(super) fn record(record: &Record) -> Result<(), Fault> {
         );
         return Err(Fault::new("camera.width", what, AGAIN));
     }
+    instrument(record)?;
     if laser.wavelength_nm.to_bits() != rig.laser.wavelength_nm.to_bits() {
         let what = format!("{} nm, but {} nm in [rig.laser]", laser.wavelength_nm, rig.laser.wavelength_nm);
         return Err(Fault::new("laser.wavelength_nm", what, "make both the same"));
@@ -82,6 +83,48 @@ pub(super) fn record(record: &Record) -> Result<(), Fault> {
         if capture.sha256.len() != 64 || !capture.sha256.bytes().all(|b| b.is_ascii_hexdigit()) {
             let what = format!("{:?} of {:?} is no SHA-256", capture.sha256, capture.name);
             return Err(Fault::new("captures.sha256", what, "give its 64 hexadecimal digits"));
+        }
+    }
+    Ok(())
+}
+
+/// How many times its images' width a focal length may be: from all that is before the camera to a
+/// twentieth of a degree.
+const FOCAL_WIDTHS: [f64; 2] = [1e-2, 1e3];
+/// How far from the centre of the image, in its widths, the principal point may be.
+const PRINCIPAL_WIDTHS: f64 = 10.0;
+/// By how much distortion may stretch or shrink the distance of a corner of the image.
+const STRETCH: f64 = 10.0;
+/// How far the water's index may be from its nominal one: no two waters differ so.
+const WATER_OFFSET: f64 = 0.3;
+
+/// Refuses what can be computed with, but no instrument is.
+fn instrument(record: &Record) -> Result<(), Fault> {
+    let Record { camera: c, water, .. } = record;
+    let [width, height] = [c.width, c.height].map(f64::from);
+    for (key, focal) in [("camera.fx_px", c.fx_px), ("camera.fy_px", c.fy_px)] {
+        if !(FOCAL_WIDTHS[0]..=FOCAL_WIDTHS[1]).contains(&(focal / width)) {
+            let what = format!("{focal:e} px is no focal length of images {width} px wide");
+            return Err(Fault::new(key, what, AGAIN));
+        }
+    }
+    for (key, at, side) in [("camera.cx_px", c.cx_px, width), ("camera.cy_px", c.cy_px, height)] {
+        if (at / side - 0.5).abs() > PRINCIPAL_WIDTHS {
+            let what = format!("{at:e} px is no principal point of images {width} x {height} px large");
+            return Err(Fault::new(key, what, AGAIN));
+        }
+    }
+    let r2 = (width.max(height) / c.fx_px.min(c.fy_px)).powi(2) / 4.0;
+    let stretch = 1.0 + r2 * (c.k1 + r2 * (c.k2 + r2 * c.k3));
+    if !(STRETCH.recip()..=STRETCH).contains(&stretch) {
+        let what = format!("the distortion moves the image's edge to {stretch:.3e} times its distance");
+        return Err(Fault::new("camera.k1", what, AGAIN));
+    }
+    for (key, offset) in
+        [("water.index_offset", water.index_offset), ("water.dispersion_offset", water.dispersion_offset)]
+    {
+        if offset.abs() > WATER_OFFSET {
+            return Err(Fault::new(key, format!("{offset:e} is no difference between waters"), AGAIN));
         }
     }
     Ok(())

@@ -85,3 +85,20 @@ fn an_output_is_as_readable_as_any_other_file() {
     let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
     assert_eq!(mode(&ours), mode(&plain));
 }
+
+#[test]
+fn names_and_devices_that_cannot_become_files_are_said_before_the_work() {
+    let dir = TempDir::new().unwrap();
+    let long = dir.path().join("a".repeat(300));
+    for overwrite in [Overwrite::Refuse, Overwrite::Replace] {
+        says(&atomic::check(&long, overwrite).unwrap_err().to_string(), &["aaaa", "shorter name"]);
+    }
+    #[cfg(target_os = "linux")]
+    {
+        let error = put(Path::new("/dev/null"), Overwrite::Replace, "x").unwrap_err();
+        says(&error.to_string(), &["/dev/null", "is a device"]);
+        let error = atomic::check(Path::new("/proc/a.ply"), Overwrite::Refuse).unwrap_err();
+        says(&error.to_string(), &["/proc", "write into the folder"]);
+    }
+    assert_eq!(names(&dir), [""; 0]);
+}

@@ -261,6 +261,20 @@ fn what_is_no_capture_folder_is_said_so() {
 }
 
 #[test]
+fn warnings_outlive_the_error_that_comes_after_them() {
+    let dir = capture();
+    let rig = edit(RIG, "focal_mm = 12.0", "focal_mm = 0.012");
+    write(dir.path(), "rig.toml", rig);
+    let mut noted = Vec::new();
+    let sound = Capture::open_noting(dir.path(), None, &mut noted).unwrap();
+    assert_eq!((sound.problems().len(), noted.len()), (1, 0));
+    write(dir.path(), "frames.csv", "file\n");
+    Capture::open_noting(dir.path(), None, &mut noted).unwrap_err();
+    assert_eq!(noted.len(), 1);
+    says(&noted[0].to_string(), &["rig.toml:8:1: camera.focal_mm", "0.012 mm"]);
+}
+
+#[test]
 fn another_rig_replaces_the_captures_own_unread() {
     let dir = capture();
     let other = dir.path().join("other.toml");

@@ -3,7 +3,7 @@ use std::{fs, path::PathBuf};
 use proptest::prelude::*;
 use tempfile::TempDir;
 use uw_cloud::{CloudPoint, Frame, PointCloud};
-use uw_io::{Error, Overwrite, ply, xyz};
+use uw_io::{Error, Overwrite, clouds, clouds::Format, ply, xyz};
 
 use crate::samples::says;
 
@@ -269,12 +269,40 @@ fn what_is_no_sound_text_of_points_is_refused_with_its_reason() {
         ("1 2\n", &[":1:", "2 values, not 3"]),
         ("1 2 3\n1 2 3 4\n", &[":2:", "4 values, not 3"]),
         ("x y z sigma\n1 2 3\n", &[":2:", "3 values, not 4"]),
-        ("a b c\n1 2 3\n", &[":1:", "\"a\" is no number"]),
+        ("a b c\n1 2 3\n", &[":1:", "\"a\" is no number", "name the columns x, y and z"]),
+        ("x y z\n1 2 b\n", &[":2:", "\"b\" is no number", "mend the line"]),
+        (
+            "x y z cov_xx cov_xy cov_xz cov_yy cov_yz cov_zz\n1 2 3 1 0 0 -1 0 1\n",
+            &[":2:", "cov_yy is -1", "not negative"],
+        ),
         ("1 2 3\n1 2 nan\n", &[":2:", "NaN"]),
         ("# unit m\n1 2 3\n", &["unit is \"m\""]),
     ] {
         says(&read_xyz(text).unwrap_err().to_string(), parts);
     }
+    let (cloud, _) = read_xyz("id;x;y;z\n7;1;2;3\n").unwrap();
+    assert_eq!(cloud.positions_mm(), [[1.0, 2.0, 3.0]], "columns are found by their names");
     says(&read_xyz(b"\xff\xfe1\0 \0").unwrap_err().to_string(), &[":1:", "no text"]);
     says(&read_xyz("1 ".repeat(1 << 20)).unwrap_err().to_string(), &[":1:", "longer than"]);
+}
+
+#[test]
+fn a_names_ending_tells_the_format() {
+    let dir = TempDir::new().unwrap();
+    for (name, begins) in
+        [("a.PLY", &b"ply\nformat binary"[..]), ("a.xyz", b"# frame"), ("a.csv", b"# frame")]
+    {
+        let path = dir.path().join(name);
+        let format = Format::of(&path).unwrap();
+        clouds::write(&path, Overwrite::Refuse, &cloud(), format).unwrap();
+        assert!(fs::read(&path).unwrap().starts_with(begins), "{name}");
+        assert_eq!(clouds::read(&path).unwrap().0, cloud(), "{name}");
+        clouds::write(&path, Overwrite::Replace, &cloud(), format.as_text()).unwrap();
+        assert!(String::from_utf8(fs::read(&path).unwrap()).is_ok(), "{name}");
+        assert_eq!(clouds::read(&path).unwrap().0, cloud(), "{name}");
+    }
+    for name in ["a", "ply", ".ply", "a.stl", "a.ply.gz"] {
+        let error = clouds::read(&dir.path().join(name)).unwrap_err();
+        says(&error.to_string(), &[name, ".ply, .xyz or .csv"]);
+    }
 }

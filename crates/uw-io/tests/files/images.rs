@@ -3,7 +3,7 @@ use std::{fs, io::Cursor, path::Path};
 use image::{DynamicImage, ImageBuffer, ImageFormat, Luma, LumaA, Rgb, Rgba};
 use proptest::prelude::*;
 use tempfile::TempDir;
-use uw_io::{Error, Expect, GrayImage, Pixels, Reduce, images};
+use uw_io::{Error, Expect, GrayImage, Pixels, Reduce, SaidBy, images};
 
 use crate::samples::says;
 
@@ -51,7 +51,7 @@ fn grey_comes_back_value_by_value() {
 fn twelve_bits_in_a_portable_grey_map_stay_as_they_are() {
     for text in [&b"P2 # grey\n3 1 # 12 bits\n4095 0 1000 4095"[..], b"P5 3 1 4095\n\x00\x00\x03\xe8\x0f\xff"]
     {
-        let got = decode(text, GREEN, Some(Expect { size: [3, 1], bits: 12 })).unwrap();
+        let got = decode(text, GREEN, Some(Expect { size: [3, 1], bits: 12, said_by: SaidBy::Rig })).unwrap();
         assert_eq!(
             got,
             GrayImage { width: 3, height: 1, data: Pixels::U16(vec![0, 1000, 4095]), full_scale: 4095 }
@@ -117,14 +117,14 @@ fn colour_gives_the_lasers_channel_or_luma() {
 #[test]
 fn images_are_held_against_the_rig() {
     let bytes = encoded(&grey16(), ImageFormat::Png);
-    let expect = |size, bits| Some(Expect { size, bits });
+    let expect = |size, bits| Some(Expect { size, bits, said_by: SaidBy::Rig });
     let fine = decode(&bytes, GREEN, expect([24, 16], 12)).unwrap();
     assert_eq!(fine.full_scale, 4095);
     let error = decode(&bytes, GREEN, expect([16, 24], 12)).unwrap_err();
     assert!(matches!(error, Error::ImageSize { needed: [16, 24], got: [24, 16], .. }));
     says(&error.to_string(), &["frames/x", "24 x 16", "16 x 24", "--rig"]);
     let error = decode(&bytes, GREEN, expect([24, 16], 10)).unwrap_err();
-    says(&error.to_string(), &["frames/x", "3925", "10 bits end at 1023", "bits in rig.toml"]);
+    says(&error.to_string(), &["frames/x", "3925", "10 bits end at 1023", "mend bits in the rig file"]);
     let eight = encoded(&grey8(), ImageFormat::Png);
     assert_eq!(
         decode(&eight, GREEN, expect([24, 16], 12)).unwrap().full_scale,

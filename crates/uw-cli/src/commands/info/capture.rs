@@ -9,7 +9,7 @@ use anyhow::bail;
 use rayon::prelude::*;
 use serde::Serialize;
 use uwscan::{
-    io::{Capture, Error, Expect, Kind, Medium, Problem, Reduce, Severity, images},
+    io::{Capture, Error, Expect, Kind, Medium, Problem, Reduce, SaidBy, Severity, images},
     pipeline::Progress as _,
 };
 
@@ -47,20 +47,26 @@ pub(super) fn medium_name(medium: Medium) -> &'static str {
     }
 }
 
-pub(super) fn look(dir: &Path, console: &Console) -> anyhow::Result<Content> {
-    let capture = Capture::open(dir)?;
-    let (image_size, lost) = decode(&capture, console)?;
+pub(super) fn look(dir: &Path, noted: &mut Vec<Problem>, console: &Console) -> anyhow::Result<Content> {
+    let mut capture = Capture::open_noting(dir, None, noted)?;
+    let (image_size, lost) = match decode(&capture, console) {
+        Ok(decoded) => decoded,
+        Err(error) => {
+            noted.append(&mut capture.take_problems());
+            return Err(error);
+        }
+    };
     let record = record(&capture, image_size)?;
     let warnings = warnings(&capture, &record);
     let text = text(&capture, &record);
-    let mut problems = capture.into_problems();
+    let mut problems = capture.take_problems();
     problems.extend(lost);
     Ok(Content { what: What::Capture(Box::new(record)), text, warnings, problems })
 }
 
 /// The images' size, and those that can't be decoded or have another one.
 fn decode(capture: &Capture, console: &Console) -> anyhow::Result<([u32; 2], Vec<Problem>)> {
-    let expect = capture.rig.as_ref().map(|rig| Expect::from(&rig.camera));
+    let expect = capture.rig.as_ref().map(|rig| Expect::of(&rig.camera, SaidBy::Rig));
     let frames: Vec<_> = capture.present().collect();
     let progress = Progress::new(console);
     progress.begin("images", frames.len());
@@ -84,7 +90,7 @@ fn decode(capture: &Capture, console: &Console) -> anyhow::Result<([u32; 2], Vec
             (Err(error), _) => error,
             (Ok(got), Some(needed)) if got != needed => {
                 let path = capture.image_path(frame);
-                Error::ImageSize { path, needed, got }
+                Error::ImageSize { path, needed, got, said_by: SaidBy::Others }
             }
             _ => continue,
         };

@@ -1,10 +1,14 @@
 //! What a point cloud holds.
 
+use std::path::Path;
+
 use serde::Serialize;
-use uwscan::{cloud::PointCloud, io};
+use uwscan::{
+    cloud::PointCloud,
+    io::{self, clouds},
+};
 
 use super::{Content, What};
-use crate::cloud_file::CloudFile;
 
 #[derive(Serialize)]
 pub(super) struct Record {
@@ -16,8 +20,8 @@ pub(super) struct Record {
     median_sigma_mm: Option<f32>,
 }
 
-pub(super) fn look(file: &CloudFile) -> Result<Content, io::Error> {
-    let (cloud, problems) = file.read()?;
+pub(super) fn look(path: &Path) -> Result<Content, io::Error> {
+    let (cloud, problems) = clouds::read(path)?;
     let record = record(&cloud);
     let none = "none but the positions".to_owned();
     let attributes = if record.attributes.is_empty() { none } else { record.attributes.join(", ") };
