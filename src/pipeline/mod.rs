@@ -11,6 +11,7 @@
 mod boards;
 pub mod calibrate;
 mod load;
+mod outline;
 pub mod reconstruct;
 mod stripes;
 

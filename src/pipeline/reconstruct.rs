@@ -2,6 +2,7 @@
 
 use crate::pipeline::Progress;
 use crate::pipeline::load::{Reading, by_background};
+use crate::pipeline::outline::{self, Seen};
 use crate::pipeline::stripes::{Rejects, extract, extractor};
 use crate::{Error, Failure, Notes};
 use nalgebra::{Vector2, Vector3};
@@ -189,30 +190,31 @@ fn points(
         })
         .collect::<Result<_, Error>>()?;
 
-    let (mut points, mut rejected, mut used, mut spent) = (Vec::new(), Rejects::new(), 0, Spent::default());
+    let (mut images, mut rejected, mut spent) = (Vec::new(), Rejects::new(), Spent::default());
     let (mut losses, mut backgrounds) = (Vec::new(), Vec::new());
     for (lost, frames) in made {
         backgrounds.extend(lost);
         for (frame, result) in frames {
             match result {
                 Ok(found) => {
-                    used += 1;
                     spent.add(found.spent);
-                    points.extend(found.points);
-                    for (reason, count) in found.rejected {
+                    for (&reason, &count) in &found.rejected {
                         *rejected.entry(reason).or_default() += count;
                     }
+                    images.push((frame, found));
                 }
                 Err(error) => losses.push(Problem::loss(frame.row, error)),
             }
         }
     }
+    let used = images.len();
     if used == 0 && !losses.is_empty() {
         let first = Box::new(losses.swap_remove(0).error);
         return Err(Error::NothingLeft { path: capture.dir, first });
     }
     losses.append(&mut backgrounds);
     notes.problems.append(&mut losses);
+    let points = believed(images, &mut rejected);
     if points.is_empty() {
         return Err(Error::NoPoint { path: capture.dir, frames: used, rejected });
     }
@@ -230,6 +232,26 @@ fn points(
         warnings: Vec::new(),
         spent,
     })
+}
+
+/// The points of all images without those that the sweep as a whole tells against, counted in `rejected`.
+fn believed(mut images: Vec<(&FrameRecord, Points)>, rejected: &mut Rejects) -> Vec<CloudPoint> {
+    let voltage = |frame: &FrameRecord| frame.voltage_v.unwrap_or(f64::INFINITY);
+    images.sort_by(|(a, _), (b, _)| voltage(a).total_cmp(&voltage(b)));
+    let reasons = outline::judge(&images.iter().map(|(_, found)| found.seen.as_slice()).collect::<Vec<_>>());
+    let mut kept: Vec<(usize, Vec<CloudPoint>)> = Vec::with_capacity(images.len());
+    for ((frame, found), reasons) in images.into_iter().zip(reasons) {
+        let sound = |(point, reason): (CloudPoint, Option<&'static str>)| match reason {
+            Some(reason) => {
+                *rejected.entry(reason).or_default() += 1;
+                None
+            }
+            None => Some(point),
+        };
+        kept.push((frame.row, found.points.into_iter().zip(reasons).filter_map(sound).collect()));
+    }
+    kept.sort_by_key(|(row, _)| *row);
+    kept.into_iter().flat_map(|(_, points)| points).collect()
 }
 
 /// Lowest and highest index of water, relative to air, that a mistake is not likelier than.
@@ -283,6 +305,7 @@ fn medium(
 struct Points {
     points: Vec<CloudPoint>,
     /// The centre in the image of each point.
+    seen: Vec<Seen>,
     rejected: Rejects,
     spent: Spent,
 }
@@ -317,13 +340,14 @@ impl Tracer<'_> {
         let mut rejected: Rejects = stripe.rejected().map(|(reason, count)| (reason.name(), count)).collect();
         let began = Instant::now();
         let Some(voltage_v) = frame.voltage_v else {
-            return Ok(Points { points: Vec::new(), rejected, spent });
+            return Ok(Points { points: Vec::new(), seen: Vec::new(), rejected, spent });
         };
         let across = self.calibration.calibration.across;
         let sheet = self.scanner().sheet(voltage_v, self.medium);
         let exposure = self.scanner().exposure(voltage_v, self.medium);
         let plane = approx::planar_sheet(&sheet);
         let mut points = Vec::with_capacity(stripe.found());
+        let mut seen = Vec::with_capacity(stripe.found());
         for m in stripe.measurements() {
             let pixel = Vector2::from(stripe.axis.uv(m.line, m.position_px));
             let traced = match (self.refraction, plane) {
@@ -343,12 +367,21 @@ impl Tracer<'_> {
                 }),
             };
             match traced {
-                Ok((point, slope)) => points.push(cloud_point(point, slope * m.sigma_px, &m, frame, &pixel)),
+                Ok((point, slope)) => {
+                    points.push(cloud_point(point, slope * m.sigma_px, &m, frame, &pixel));
+                    let width_px = stripe.width_px[m.line];
+                    seen.push(Seen {
+                        line: m.line,
+                        position_px: m.position_px as f32,
+                        width_px,
+                        flux: m.amplitude as f32 * width_px,
+                    });
+                }
                 Err(_) => *rejected.entry("no_intersection").or_default() += 1,
             }
         }
         spent.triangulate = began.elapsed();
-        Ok(Points { points, rejected, spent })
+        Ok(Points { points, seen, rejected, spent })
     }
 }
 
