@@ -22,6 +22,11 @@
 //! the points scatter more than their covariances say, never smaller. Without covariances ṽ is the scatter itself,
 //! and with few degrees of freedom the sigmas are widened to the 68 % interval of Student's t.
 //!
+//! *Shared errors.* Neighbours on one stripe share errors: of the sheet's thickness at a grazing surface, of an edge of brightness,
+//! of the calibration. Where the clouds tell which image a point is of, the middle factor is therefore also summed over blocks
+//! of neighbours, Σ (Σ g r / v)(Σ g r / v)ᵀ (K.-Y. Liang, S. Zeger, Biometrika 73 (1986) 13), and takes its place in those directions
+//! in which it is larger than chance lets the largest eigenvalue of so many blocks be (V. Marchenko, L. Pastur, 1967).
+//!
 //! *Undetermined shapes.* Noise moves the feet, hence g, and feigns information: Σ G Q Gᵀ / v on average, with G = ∂g/∂q and
 //! Q the covariance of the foot along the surface. Where that reaches half of A in any direction, the points do not
 //! determine the shape and there is no result; below that it is taken off A.
@@ -38,6 +43,10 @@ const MAX_NOISE_SHARE: f64 = 0.5;
 
 /// Rounds of choosing inliers and floor; they mostly settle within six.
 const MAX_ROUNDS: usize = 30;
+
+/// Neighbours on a stripe that may share errors, and blocks of them from which their sums' scatter is known.
+const BLOCK: usize = 32;
+const LEAST_BLOCKS: usize = 30;
 
 /// Change of the floor's logarithm that no longer matters: less than a step of its search.
 const FLOOR_TOLERANCE: f64 = 0.2;
@@ -281,6 +290,7 @@ fn covariance<S: Surface<P>, const P: usize>(
         return Err(undetermined(noise_share.min(1.0)));
     }
     let inverse = (information - feigned).try_inverse().ok_or_else(|| undetermined(noise_share))?;
+    let scatter = with_shared_errors(scatter, sample, feet, inliers);
     let dof = inliers.len().saturating_sub(P);
     let widening =
         if sample.has_covariances && floor.scale <= 1.0 { 1.0 } else { student_widening(dof).powi(2) };
@@ -289,6 +299,37 @@ fn covariance<S: Surface<P>, const P: usize>(
         return Err(undetermined(noise_share));
     }
     Ok((covariance + covariance.transpose()) * 0.5)
+}
+
+/// Returns the scatter of Σ g r / v, larger where blocks of neighbours on a stripe show more of it than single points.
+fn with_shared_errors<const P: usize>(
+    scatter: SMatrix<f64, P, P>,
+    sample: &Sample,
+    feet: &[Foot<P>],
+    inliers: &[usize],
+) -> SMatrix<f64, P, P> {
+    let image = |i: &usize| sample.observations[*i].image;
+    let mut blocks = 0;
+    let mut shared = SMatrix::<f64, P, P>::zeros();
+    let stripes = inliers.chunk_by(|a, b| image(a) == image(b)).filter(|stripe| image(&stripe[0]).is_some());
+    for block in stripes.flat_map(|stripe| stripe.chunks(BLOCK)) {
+        let pull = |&i: &usize| feet[i].gradient * (feet[i].residual_mm / feet[i].variance_mm2);
+        let sum = block.iter().map(pull).fold(SVector::<f64, P>::zeros(), |a, b| a + b);
+        shared += sum * sum.transpose();
+        blocks += 1;
+    }
+    if blocks < LEAST_BLOCKS {
+        return scatter;
+    }
+    let chance = (1.0 + (P as f64 / blocks as f64).sqrt()).powi(2);
+    let Some(factor) = dynamic(&scatter).cholesky() else { return scatter };
+    let root = factor.l();
+    let Some(inverse) = root.clone().try_inverse() else { return scatter };
+    let eigen = (&inverse * dynamic(&shared) * inverse.transpose()).symmetric_eigen();
+    let widened = eigen.eigenvalues.map(|e| if e > chance { e } else { 1.0 });
+    let turned = root * eigen.eigenvectors;
+    let whole = &turned * DMatrix::from_diagonal(&widened) * turned.transpose();
+    SMatrix::from_fn(|i, j| whole[(i, j)])
 }
 
 /// Returns the matrix with its size in the value, for decompositions that the size in the type rules out.

@@ -17,12 +17,14 @@ pub(crate) struct Observation {
     pub(crate) axes: Matrix3<f64>,
     /// Variances along them, mm².
     pub(crate) variances: Vector3<f64>,
+    /// The image that it was seen in.
+    pub(crate) image: Option<u32>,
 }
 
 impl Observation {
     /// Returns the same position without its covariance.
     pub(crate) fn bare(&self) -> Self {
-        Self { point: self.point, axes: Matrix3::identity(), variances: Vector3::zeros() }
+        Self { axes: Matrix3::identity(), variances: Vector3::zeros(), ..self.clone() }
     }
 
     /// Returns V = C + f² I, mm².
@@ -77,6 +79,7 @@ impl Sample {
                 point: position - centre,
                 axes: Matrix3::identity(),
                 variances: Vector3::zeros(),
+                image: cloud.frame_rows().map(|rows| rows[index]),
             };
             if let Some(covariance) = covariances.map(|all| &all[index]) {
                 let eigen = unpacked(covariance).symmetric_eigen();
