@@ -15,8 +15,8 @@ const CANDIDATE_SNR: f32 = 4.0;
 const FIRST_LOOK_SNR: f32 = 8.0;
 /// Narrowest believable width, px: a point through a perfect lens still covers the pixel it falls on.
 const NARROWEST_PX: f64 = 0.25;
-/// Half a fit's window, in widths plus pixels: holds 99.9 % of the stripe and some background on either side.
-const WINDOW: (f64, f64) = (3.2, 2.5);
+/// Half a fit's window, in widths plus pixels: the further it reaches, the less does a background cost the centre.
+const WINDOW: (f64, f64) = (8.0, 1.0);
 /// Reduced chi-square beyond which a fit is flagged as poor.
 const POOR_CHI2: f64 = 4.0;
 /// Skewness, in sigmas and absolute, beyond which a profile counts as lopsided.
@@ -128,6 +128,7 @@ pub struct Extractor {
     tracker: Tracker,
     choice: Vec<Option<usize>>,
     fits: Vec<Option<Fit>>,
+    shapes: Vec<Option<mle::surroundings::Shape>>,
     residuals: Vec<Residual>,
     widths: Vec<f64>,
     scratch: Vec<f32>,
@@ -155,6 +156,7 @@ impl Extractor {
             tracker: Tracker::default(),
             choice: Vec::new(),
             fits: Vec::new(),
+            shapes: Vec::new(),
             residuals: Vec::new(),
             widths: Vec::new(),
             scratch: Vec::new(),
@@ -328,6 +330,7 @@ impl Extractor {
             let line = self.lines.line(i);
             self.fits.push(k.and_then(|k| refine(line, noise, &self.candidates[i], k, prior, None)));
         }
+        mle::surroundings::share(&mut self.fits, &mut self.shapes);
         self.usual_step = self.usual_step();
         self.speckle = self.speckle();
         self.stripe.scatter_widths = self.speckle as f32;

@@ -3,5 +3,8 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot set up its scene shall fail")]
 
 mod accuracy;
+mod bars;
 mod behaviour;
+mod optics;
 mod scene;
+mod suite;
