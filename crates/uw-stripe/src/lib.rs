@@ -22,6 +22,8 @@ mod lines;
 mod mle;
 mod noise;
 mod peak;
+#[allow(dead_code, reason = "the extractor is about to call it")]
+mod pool;
 mod profile;
 mod special;
 mod track;
