@@ -25,6 +25,8 @@ mod peak;
 #[allow(dead_code, reason = "the extractor is about to call it")]
 mod pool;
 mod profile;
+#[allow(dead_code, reason = "the extractor is about to call it")]
+mod ridge;
 mod special;
 mod track;
 mod view;

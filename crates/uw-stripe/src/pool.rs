@@ -114,8 +114,8 @@ impl Pool {
             covariance[spacing] = lag.clamp(0.0, covariance[0]);
         }
         if out.excess > 0.0 {
-            for lag in 0..LAGS {
-                out.correlation[lag] = covariance[lag] / out.excess;
+            for (to, from) in out.correlation.iter_mut().zip(covariance) {
+                *to = from / out.excess;
             }
         }
         out
