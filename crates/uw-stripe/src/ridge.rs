@@ -17,6 +17,8 @@ const REACH: f64 = 3.0;
 const SIGMAS: std::ops::RangeInclusive<f64> = 0.8..=8.0;
 /// Pixels of a kernel are padded to multiples of this, so that loops have no remainder.
 const LANES: usize = 8;
+/// The widest kernel's pixels, padded.
+const WIDEST: usize = 56;
 /// Moves to another pixel before a candidate is given up.
 const MOVES: usize = 4;
 /// A ridge further off than that belongs to another pixel: Steger's own program allows 0.6 px.
@@ -25,6 +27,9 @@ const BELONGS_PX: f64 = 0.6;
 const LEAST_ALONG: f64 = 0.24;
 /// Longest step of the centre from a line to the next in one stripe: pixels plus widths.
 const STEP: (f64, f64) = (3.0, 2.0);
+/// Of a stripe's light the kernel's square takes (2/3)^1.5, of the light's square (1/2)^1.5.
+const SHOT: f64 = 0.544_331;
+const SPECKLE: f64 = 0.353_553;
 /// Half-length, in kernel sigmas, of the fit that tells the bend.
 const BEND_REACH: f64 = 2.5;
 
@@ -50,10 +55,8 @@ pub(crate) struct Ridge {
     half: usize,
     /// Gaussian, first and second derivative, padded with zeros.
     kernels: [Vec<f32>; 3],
-    /// The image under the three kernels down its columns.
-    down: [Vec<f32>; 3],
-    /// A row's piece where it runs over the border.
-    piece: Vec<f32>,
+    /// Noise after a bend's correction by that before.
+    gain: f64,
     first: Vec<Option<RidgePoint>>,
 }
 
@@ -68,7 +71,10 @@ impl Ridge {
             *SIGMAS.start()
         };
         let half = (REACH * sigma).ceil() as usize;
-        let lanes = (2 * half + 1).next_multiple_of(LANES);
+        let lanes = match (2 * half + 1).next_multiple_of(LANES) {
+            few if few <= 4 * LANES => few,
+            _ => WIDEST,
+        };
         let taps = |f: &dyn Fn(f64) -> f64| -> Vec<f64> {
             (0..=2 * half).map(|i| f((i as f64 - half as f64) / sigma)).collect()
         };
@@ -94,8 +100,7 @@ impl Ridge {
         };
         let kernels =
             [scaled(smooth, unit), scaled(slope, unit / sigma), scaled(bend, unit / (sigma * sigma))];
-        let zeros = || vec![0.0; lanes];
-        Self { sigma, half, kernels, down: [zeros(), zeros(), zeros()], piece: zeros(), first: Vec::new() }
+        Self { sigma, half, kernels, gain: straightening_gain(sigma), first: Vec::new() }
     }
 
     /// Fills `points` with the ridge on each line of `image`, `None` where a line's candidate (position, px) is `None` or leads to no
@@ -117,14 +122,13 @@ impl Ridge {
                 .map(|(line, c)| c.and_then(|c| self.at(image, axis, line, c, noise))),
         );
         points.clear();
-        let gain = self.straightening_gain();
-        points.extend((0..first.len()).map(|i| self.straightened(&first, i, gain)));
+        points.extend((0..first.len()).map(|i| self.straightened(&first, i)));
         self.first = first;
     }
 
     /// The ridge next to one candidate, as smoothed.
     fn at<P: Pixel>(
-        &mut self,
+        &self,
         image: &View<'_, P>,
         axis: Axis,
         line: usize,
@@ -154,14 +158,14 @@ impl Ridge {
                 Axis::PerRow => (rx, ry, rxx, ryy),
                 Axis::PerColumn => (ry, rx, ryy, rxx),
             };
-            let root = (0.5 * (raa - rcc)).hypot(rxy);
+            let root = (0.25 * (raa - rcc).powi(2) + rxy * rxy).sqrt();
             let curvature = 0.5 * (raa + rcc) - root;
             if curvature.is_nan() || curvature >= 0.0 {
                 return None;
             }
             // The eigenvector, of the two forms that with no cancellation.
             let (na, nc) = if raa <= rcc { (curvature - rcc, rxy) } else { (rxy, curvature - raa) };
-            let norm = na.hypot(nc);
+            let norm = (na * na + nc * nc).sqrt();
             let (na, nc) = if norm > 0.0 { (na / norm, nc / norm) } else { (1.0, 0.0) };
             if na.abs() < LEAST_ALONG {
                 return None;
@@ -197,66 +201,69 @@ impl Ridge {
         let widened = std::f64::consts::SQRT_2 * sigma;
         let amplitude = -curvature * widened.powi(3) / sigma;
         let background = value - amplitude * sigma / widened;
-        // ∫ (g′ g)² = 1/(8π σ⁴); of a stripe's light the kernel's square takes (2/3)^1.5, of its square (1/2)^1.5.
+        // ∫ (g′ g)² = 1/(8π σ⁴).
         let dark = noise.variance(background.max(0.0), 0.0);
         let shot = noise.variance(amplitude + background.max(0.0), 0.0) - dark;
         let speckle = (f64::from(noise.speckle_contrast) * amplitude).powi(2);
-        let pixel = dark + shot * (2.0f64 / 3.0).powf(1.5) + speckle * 0.5f64.powf(1.5);
+        let pixel = dark + shot * SHOT + speckle * SPECKLE;
         let slope_sigma = (pixel / (8.0 * std::f64::consts::PI)).sqrt() / (sigma * sigma);
         RidgePoint { position, sigma: slope_sigma / (-curvature * along), slope, amplitude, background }
     }
 
     /// r, rx, ry, rxx, rxy, ryy of the image smoothed around pixel (x, y).
-    fn derivatives<P: Pixel>(&mut self, image: &View<'_, P>, x: usize, y: usize) -> [f64; 6] {
-        let (half, lanes) = (self.half, self.piece.len());
-        self.down.iter_mut().for_each(|d| d.fill(0.0));
-        let inside = x >= half && x - half + lanes <= image.width();
-        let [down_smooth, down_slope, down_bend] = &mut self.down;
+    fn derivatives<P: Pixel>(&self, image: &View<'_, P>, x: usize, y: usize) -> [f64; 6] {
+        // Loops of known length over registers.
+        match self.kernels[0].len() / LANES {
+            1 => self.sums::<P, LANES>(image, x, y),
+            2 => self.sums::<P, { 2 * LANES }>(image, x, y),
+            3 => self.sums::<P, { 3 * LANES }>(image, x, y),
+            4 => self.sums::<P, { 4 * LANES }>(image, x, y),
+            _ => self.sums::<P, WIDEST>(image, x, y),
+        }
+    }
+
+    /// The sums behind [`Ridge::derivatives`], of kernels padded to `N`: down the columns first, all at once, then along the row.
+    fn sums<P: Pixel, const N: usize>(&self, image: &View<'_, P>, x: usize, y: usize) -> [f64; 6] {
+        let half = self.half;
+        let mut down = [[0.0f32; N]; 3];
+        let mut value = [0.0f32; N];
+        let inside = x >= half && x - half + N <= image.width();
         for k in 0..=2 * half {
             let row = image.row((y + k).saturating_sub(half).min(image.height() - 1));
             if inside {
-                for (to, from) in self.piece.iter_mut().zip(&row[x - half..x - half + lanes]) {
+                for (to, from) in value.iter_mut().zip(&row[x - half..x - half + N]) {
                     *to = from.dn();
                 }
             } else {
-                for (i, to) in self.piece.iter_mut().enumerate() {
+                for (i, to) in value.iter_mut().enumerate() {
                     *to = row[(x + i).saturating_sub(half).min(image.width() - 1)].dn();
                 }
             }
-            let weights = [self.kernels[0][k], self.kernels[1][k], self.kernels[2][k]];
-            let pieces = self.piece.chunks_exact(LANES);
-            let smooth = down_smooth.chunks_exact_mut(LANES);
-            let rest = down_slope.chunks_exact_mut(LANES).zip(down_bend.chunks_exact_mut(LANES));
-            for ((value, smooth), (slope, bend)) in pieces.zip(smooth).zip(rest) {
-                for i in 0..LANES {
-                    smooth[i] += weights[0] * value[i];
-                    slope[i] += weights[1] * value[i];
-                    bend[i] += weights[2] * value[i];
-                }
+            for (down, kernel) in down.iter_mut().zip(&self.kernels) {
+                let weight = kernel[k];
+                down.iter_mut().zip(&value).for_each(|(d, v)| *d += weight * v);
             }
         }
-        let across = |down: &[f32], kernel: &[f32]| {
+        let across = |down: &[f32; N], kernel: &[f32]| {
             let mut sums = [0.0f32; LANES];
             for (d, k) in down.chunks_exact(LANES).zip(kernel.chunks_exact(LANES)) {
-                for i in 0..LANES {
-                    sums[i] += d[i] * k[i];
-                }
+                sums.iter_mut().zip(d).zip(k).for_each(|((s, d), k)| *s += d * k);
             }
-            sums.iter().copied().map(f64::from).sum::<f64>()
+            f64::from(sums.iter().sum::<f32>())
         };
         let [smooth, slope, bend] = &self.kernels;
         [
-            across(&self.down[0], smooth),
-            across(&self.down[0], slope),
-            across(&self.down[1], smooth),
-            across(&self.down[0], bend),
-            across(&self.down[1], slope),
-            across(&self.down[2], smooth),
+            across(&down[0], smooth),
+            across(&down[0], slope),
+            across(&down[1], smooth),
+            across(&down[0], bend),
+            across(&down[1], slope),
+            across(&down[2], smooth),
         ]
     }
 
     /// Point `i` with the smoothing's pull along a bend taken back, and its sigma widened by what that costs.
-    fn straightened(&self, points: &[Option<RidgePoint>], i: usize, gain: f64) -> Option<RidgePoint> {
+    fn straightened(&self, points: &[Option<RidgePoint>], i: usize) -> Option<RidgePoint> {
         let here = points[i]?;
         let reach = (BEND_REACH * self.sigma).ceil() as usize;
         let joined =
@@ -287,27 +294,7 @@ impl Ridge {
         let second = 2.0 * (p2 - p0 * m2 / n) / (m4 - m2 * m2 / n);
         let shift = 0.5 * self.sigma * self.sigma * second / (1.0 + here.slope * here.slope);
         let position = here.position - shift;
-        position.is_finite().then_some(RidgePoint { position, sigma: here.sigma * gain, ..here })
-    }
-
-    /// Noise after the bend's correction by that before, for an upright stripe: the correction sharpens what the kernel had smoothed.
-    fn straightening_gain(&self) -> f64 {
-        let reach = (BEND_REACH * self.sigma).ceil() as i32;
-        let n = f64::from(2 * reach + 1);
-        let (m2, m4) =
-            (-reach..=reach).fold((0.0, 0.0), |(a, b), x| (a + f64::from(x * x), b + f64::from(x).powi(4)));
-        let sharpen = |x: i32| {
-            let second = 2.0 * (f64::from(x * x) - m2 / n) / (m4 - m2 * m2 / n);
-            f64::from(u8::from(x == 0)) - 0.5 * self.sigma * self.sigma * second
-        };
-        let smooth = |x: i32| (-0.5 * (f64::from(x) / self.sigma).powi(2)).exp();
-        let half = (4.0 * self.sigma).ceil() as i32;
-        let (mut before, mut after) = (0.0, 0.0);
-        for at in -half - reach..=half + reach {
-            before += smooth(at).powi(2);
-            after += (-reach..=reach).map(|x| sharpen(x) * smooth(at - x)).sum::<f64>().powi(2);
-        }
-        (after / before).sqrt()
+        position.is_finite().then_some(RidgePoint { position, sigma: here.sigma * self.gain, ..here })
     }
 }
 
@@ -316,6 +303,26 @@ fn gaussian_step(parabola: f64, variance: f64) -> f64 {
     let ratio = parabola * parabola / variance;
     // 2/(1 + √(1 + 4 q)) is (−1 + √(1 + 4 q)) / 2q without the cancellation.
     parabola * 2.0 / (1.0 + (1.0 + 4.0 * ratio).sqrt())
+}
+
+/// Noise after the bend's correction by that before, for an upright stripe: the correction sharpens what the kernel had smoothed.
+fn straightening_gain(sigma: f64) -> f64 {
+    let reach = (BEND_REACH * sigma).ceil() as i32;
+    let n = f64::from(2 * reach + 1);
+    let (m2, m4) =
+        (-reach..=reach).fold((0.0, 0.0), |(a, b), x| (a + f64::from(x * x), b + f64::from(x).powi(4)));
+    let sharpen = |x: i32| {
+        let second = 2.0 * (f64::from(x * x) - m2 / n) / (m4 - m2 * m2 / n);
+        f64::from(u8::from(x == 0)) - 0.5 * sigma * sigma * second
+    };
+    let smooth = |x: i32| (-0.5 * (f64::from(x) / sigma).powi(2)).exp();
+    let half = (4.0 * sigma).ceil() as i32;
+    let (mut before, mut after) = (0.0, 0.0);
+    for at in -half - reach..=half + reach {
+        before += smooth(at).powi(2);
+        after += (-reach..=reach).map(|x| sharpen(x) * smooth(at - x)).sum::<f64>().powi(2);
+    }
+    (after / before).sqrt()
 }
 
 #[cfg(test)]
