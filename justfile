@@ -29,6 +29,10 @@ bench *FILTER:
 monte-carlo TRIALS="200":
     UWSCAN_TRIALS={{TRIALS}} cargo test --locked --package uw-calib --test joint accuracy -- --nocapture
 
+# Every stripe method's errors by the Cramér–Rao bound, on scenes of known truth
+stripe-accuracy SEEDS="4" *SCENES:
+    cargo run --release --locked --package uw-stripe --example accuracy -- {{SEEDS}} {{SCENES}}
+
 # An acceptance script of yours (SCRIPT --uwscan BINARY …) on the optimised command
 accept SCRIPT *ARGS: build
     {{SCRIPT}} --uwscan {{justfile_directory()}}/target/release/uwscan {{ARGS}}

@@ -34,6 +34,10 @@ const FLOORED: f64 = 0.3;
 
 /// Most iterations; three to five are usual.
 const ITERATIONS: usize = 30;
+/// Half of the window for these, in widths plus pixels.
+const CLOSE: (f64, f64) = (3.2, 2.5);
+/// Step, in widths and of ln width, that one solution of the normal equations does as well as an iteration would.
+const NEAR: f64 = 0.03;
 /// Iterations before the background is judged straight or bent.
 const FIRST_LOOK: usize = 4;
 /// Iterations after which the background's origin follows the centre no more.
@@ -119,9 +123,29 @@ struct Profile {
     by_skew: f64,
 }
 
+/// A [`NoiseModel`] as what its variance is made of: no division for every pixel.
+#[derive(Debug, Clone, Copy)]
+struct Weights {
+    dark: f64,
+    per_level: f64,
+    per_square: f64,
+}
+
+impl Weights {
+    fn of(noise: &NoiseModel) -> Self {
+        let dark = noise.variance(0.0, 0.0);
+        let per_level = f64::from(noise.gain_e_per_dn).recip();
+        Self { dark, per_level, per_square: f64::from(noise.speckle_contrast).powi(2) }
+    }
+
+    fn variance(&self, level: f64, signal: f64) -> f64 {
+        self.dark + level.max(0.0) * self.per_level + signal * signal * self.per_square
+    }
+}
+
 struct Problem<'a> {
     line: Line<'a>,
-    noise: &'a NoiseModel,
+    noise: Weights,
     from: usize,
     to: usize,
     size: usize,
@@ -148,30 +172,45 @@ pub(crate) fn fit(
     let mut at = [0.0; MOST];
     (at[CENTRE], at[FLUX], at[LN_WIDTH], at[LEVEL]) =
         (start.centre, start.flux, start.width.ln(), start.background);
-    // A background that is bent misleads a straight one's iteration, so that it is looked at early.
-    let mut converged = problem.iterate(&mut at, FIRST_LOOK)?;
+    // Close around the stripe any background is nearly straight, and most of what the pixels say is said.
+    let close = CLOSE.0 * start.width + CLOSE.1;
+    problem.from = start.from.max((start.centre - close).ceil().max(0.0) as usize);
+    problem.to = start.to.min((start.centre + close).floor().max(0.0) as usize + 1);
+    if problem.to < problem.from + STRAIGHT {
+        (problem.from, problem.to) = (start.from, start.to);
+    }
+    let settled = problem.iterate(&mut at, FIRST_LOOK)?;
+    (problem.from, problem.to) = (start.from, start.to);
     let (mut information, mut step) = problem.normal_equations(&at, full);
     let mut white = step;
     information.factor(full, DAMPING)?.whiten(&mut white);
-    // The first three entries are what the straight background has left to do.
+    // The first entries are what a straight background has left to do.
     let bent = white[STRAIGHT..full].iter().map(|v| v * v).sum::<f64>() > BENT;
-    if bent || !converged {
+    let mut rest = step;
+    information.factor(STRAIGHT, DAMPING)?.solve(&mut rest);
+    let near = rest[CENTRE].abs() < NEAR * at[LN_WIDTH].exp() && rest[LN_WIDTH].abs() < NEAR;
+    let mut end = at;
+    let mut converged = settled && near && !bent;
+    if converged {
+        (0..STRAIGHT).for_each(|k| end[k] += rest[k]);
+    } else {
         problem.size = if bent { full } else { STRAIGHT };
         converged = problem.iterate(&mut at, ITERATIONS)?;
         (information, step) = problem.normal_equations(&at, full);
+        end = at;
     }
     let factor = information.factor(full, 0.0)?;
     factor.solve(&mut step);
     let mut solution = Solution { at, information, size: full, pivot: problem.pivot, unit: problem.unit };
     solution.at.iter_mut().zip(&step).for_each(|(a, s)| *a += s);
-    problem.verdict(&at, solution, converged, residuals)
+    problem.verdict(&end, solution, converged, residuals)
 }
 
 impl<'a> Problem<'a> {
     /// The problem with a straight background, and the parameters that its window could tell.
     fn new(
         line: Line<'a>,
-        noise: &'a NoiseModel,
+        noise: &NoiseModel,
         start: Start,
         width: Option<WidthPrior>,
     ) -> Option<(Self, usize)> {
@@ -204,6 +243,7 @@ impl<'a> Problem<'a> {
             prior_weight[LN_WIDTH] = w.sigma.powi(-2);
         }
         let (from, to, pivot) = (start.from, start.to, start.centre);
+        let noise = Weights::of(noise);
         let problem = Self { line, noise, from, to, size: STRAIGHT, pivot, unit, prior_mean, prior_weight };
         Some((problem, LEVEL + 1 + degree))
     }
@@ -296,7 +336,10 @@ impl<'a> Problem<'a> {
             (sign * m / sigma, (m * (m + z)).clamp(0.0, 1.0) / variance)
         };
         let (score, information) = match self.line.clip[i] {
-            Clip::No => (residual / variance, variance.recip()),
+            Clip::No => {
+                let weight = variance.recip();
+                (residual * weight, weight)
+            }
             Clip::Floor => bound(measured + 0.5 - value, -1.0),
             Clip::Full => bound(value - measured + 0.5, 1.0),
         };
@@ -354,16 +397,26 @@ impl<'a> Problem<'a> {
         at: &[f64; MOST],
         solution: Solution,
         converged: bool,
+        residuals: Option<&mut Vec<Residual>>,
+    ) -> Option<Fit> {
+        by_size!(self.size, N => self.judged::<N>(at, solution, converged, residuals))
+    }
+
+    fn judged<const N: usize>(
+        &self,
+        at: &[f64; MOST],
+        solution: Solution,
+        converged: bool,
         mut residuals: Option<&mut Vec<Residual>>,
     ) -> Option<Fit> {
-        let factor = solution.information.factor(self.size, 0.0)?;
-        let mut fit = Solution { at: *at, size: self.size, ..solution }.fit(&factor);
+        let factor = solution.information.factor(N, 0.0)?;
+        let mut fit = Solution { at: *at, size: N, ..solution }.fit(&factor);
         (fit.converged, fit.solution) = (converged, solution);
         // What the parameters took of each pixel's freedom is asked for, or clipped pixels gave them some; else the sum will do: the
         // trace of C (C⁻¹ − prior).
         let each = residuals.is_some() || self.line.clip[self.from..self.to].iter().any(|c| *c != Clip::No);
         let (mut skew_score, mut skew_information, mut skew_cross) = (0.0, 0.0, [0.0; MOST]);
-        self.scan::<MOST>(at, |i, profile, value, gradient, _| {
+        self.scan::<N>(at, |i, profile, value, gradient, _| {
             let t = self.term(i, profile.signal, value);
             match self.line.clip[i] {
                 Clip::Full => fit.saturated += 1,
@@ -373,9 +426,10 @@ impl<'a> Problem<'a> {
                     fit.chi2 += square / t.variance;
                     let mut freedom = 1.0;
                     if each {
-                        let mut white = *gradient;
+                        let mut white = [0.0; MOST];
+                        white[..N].copy_from_slice(gradient);
                         factor.whiten(&mut white);
-                        let leverage = white[..self.size].iter().map(|v| v * v).sum::<f64>() / t.variance;
+                        let leverage = white[..N].iter().map(|v| v * v).sum::<f64>() / t.variance;
                         freedom = (1.0 - leverage).clamp(0.0, 1.0);
                     }
                     fit.freedom += freedom;
@@ -388,17 +442,17 @@ impl<'a> Problem<'a> {
             }
             skew_score += profile.by_skew * t.score;
             skew_information += profile.by_skew * profile.by_skew * t.information;
-            for k in 0..self.size {
+            for k in 0..N {
                 skew_cross[k] += gradient[k] * profile.by_skew * t.information;
             }
         });
         if !each {
-            let taken = (0..self.size).map(|k| 1.0 - self.prior_weight[k] * factor.column(k)[k]);
+            let taken = (0..N).map(|k| 1.0 - self.prior_weight[k] * factor.column(k)[k]);
             fit.freedom = (fit.freedom - taken.sum::<f64>()).max(0.0);
         }
         // Rao's score test for one more parameter, without fitting it.
         factor.whiten(&mut skew_cross);
-        let left = skew_information - skew_cross[..self.size].iter().map(|v| v * v).sum::<f64>();
+        let left = skew_information - skew_cross[..N].iter().map(|v| v * v).sum::<f64>();
         if left > 1e-9 * skew_information {
             fit.skew = skew_score / left;
             fit.skew_snr = skew_score / left.sqrt();
