@@ -7,6 +7,8 @@ use crate::special::{mills, normal};
 
 mod dense;
 pub(crate) mod surroundings;
+#[cfg(test)]
+mod tests;
 
 use dense::{Factor, MOST, Symmetric, by_size};
 
