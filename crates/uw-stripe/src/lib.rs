@@ -4,6 +4,9 @@
 //! centre of the laser stripe, its standard deviation, height, width and background, with [`Flags`] that inform and a
 //! [`Reject`] reason wherever there is no position.
 //!
+//! [`Method`] says how. `Fast` and `Robust` are vector kernels on the image as it lies in memory (`engine`, which see); with `Precise`,
+//! to which `Robust` hands the lines that its filters do not suit, the steps are these:
+//!
 //! | step | module | decides |
 //! |---|---|---|
 //! | lines | `lines` | rows or columns, background subtracted, which pixels are clipped |
@@ -11,28 +14,31 @@
 //! | candidates | `peak` | box Laplacian of Gaussian at several widths, threshold from the noise |
 //! | track | `track` | which candidate continues its neighbours' |
 //! | refinement | `mle` | maximum likelihood of a pixel-integrated Gaussian on a linear background |
-//! | verdict | `extractor` | flags and rejects |
+//! | verdict | `precise` | flags and rejects |
 //!
 //! Pixel (0, 0) is the centre of the top-left pixel. Grey values are in DN, positions, widths and sigmas in pixels.
 
 mod bend;
+mod engine;
 mod error;
 mod extractor;
 mod lines;
 mod mle;
 mod noise;
+mod options;
 mod peak;
-#[allow(dead_code, reason = "the extractor is about to call it")]
 mod pool;
+mod precise;
 mod profile;
-#[allow(dead_code, reason = "the extractor is about to call it")]
 mod ridge;
 mod special;
 mod track;
 mod view;
 
+pub use engine::{Tracking, brightest};
 pub use error::StripeError;
-pub use extractor::{Extractor, Options};
+pub use extractor::Extractor;
 pub use noise::NoiseModel;
+pub use options::{Method, Options};
 pub use profile::{Flags, Measurement, Reject, Stripe};
 pub use view::{Axis, Pixel, Roi, View};

@@ -13,6 +13,19 @@ pub(crate) enum Clip {
     Floor,
 }
 
+impl Clip {
+    /// What a grey value shows, DN.
+    pub fn of(value: f32, full_scale_dn: f32) -> Self {
+        if value >= full_scale_dn {
+            Self::Full
+        } else if value <= 0.0 {
+            Self::Floor
+        } else {
+            Self::No
+        }
+    }
+}
+
 /// Lines of equal length, one after the other.
 #[derive(Debug, Default)]
 pub(crate) struct Lines {
@@ -38,7 +51,12 @@ pub(crate) struct Line<'a> {
     pedestal: &'a [f32],
 }
 
-impl Line<'_> {
+impl<'a> Line<'a> {
+    /// A line from which no background was subtracted.
+    pub fn plain(value: &'a [f32], clip: &'a [Clip]) -> Self {
+        Self { value, clip, pedestal: &[] }
+    }
+
     /// What was subtracted from pixel `i`, DN.
     pub fn pedestal(&self, i: usize) -> f64 {
         self.pedestal.get(i).copied().map_or(0.0, f64::from)
@@ -73,15 +91,7 @@ impl Lines {
         };
         copy(image, roi, axis, &mut self.value);
         self.clip.clear();
-        self.clip.extend(self.value.iter().map(|&v| {
-            if v >= full_scale_dn {
-                Clip::Full
-            } else if v <= 0.0 {
-                Clip::Floor
-            } else {
-                Clip::No
-            }
-        }));
+        self.clip.extend(self.value.iter().map(|&v| Clip::of(v, full_scale_dn)));
         self.pedestal.clear();
         if let Some(background) = background {
             copy(background, roi, axis, &mut self.pedestal);

@@ -34,7 +34,7 @@ impl Candidates {
         &self.items[..self.len]
     }
 
-    fn push(&mut self, c: Candidate) {
+    pub fn push(&mut self, c: Candidate) {
         let at = self.as_slice().iter().position(|o| c.flux > o.flux).unwrap_or(self.len);
         if at < KEPT {
             self.len = (self.len + 1).min(KEPT);

@@ -22,10 +22,16 @@ impl Flags {
     pub const BORDER: Self = Self(1 << 4);
     /// The residuals are larger than noise explains; `sigma_px` was widened accordingly.
     pub const POOR_FIT: Self = Self(1 << 5);
+    /// The stripe was not where the last image had it, and the whole line was searched ([`Tracking`](crate::Tracking)).
+    pub const TRACK_LOST: Self = Self(1 << 6);
 
     /// True when every flag of `other` is set.
     pub fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
+    }
+
+    pub(crate) fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
     }
 
     /// The bits, for storage: the constants above, or-ed.
@@ -147,9 +153,10 @@ pub struct Stripe {
     pub width_px: Vec<f32>,
     /// Background under the centre (of the difference image, if a background was subtracted), DN.
     pub background: Vec<f32>,
-    /// Chi-square of the fit by its degrees of freedom.
+    /// Chi-square of the fit by its degrees of freedom; where filters were enough, over two shapes that they lack: a sloping background and
+    /// another width. NaN: not measured, as by [`Method::Fast`](crate::Method::Fast).
     pub chi2: Vec<f32>,
-    /// Strength of the strongest other peak of the line by that of the one taken; 0: no other.
+    /// Strength of the strongest other peak of the line by that of the one taken; 0: no other; NaN: not looked for.
     pub rival_ratio: Vec<f32>,
     /// Notes on each measurement.
     pub flags: Vec<Flags>,

@@ -3,7 +3,7 @@
 use crate::StripeError;
 
 mod sealed {
-    pub trait Sealed {}
+    pub trait Sealed: crate::engine::lanes::Lanes {}
     impl Sealed for u8 {}
     impl Sealed for u16 {}
 }
@@ -79,6 +79,11 @@ impl<'a, P: Pixel> View<'a, P> {
     /// Row `y`, `width` pixels; empty beyond the last row.
     pub fn row(&self, y: usize) -> &'a [P] {
         if y < self.height { &self.data[y * self.stride..y * self.stride + self.width] } else { &[] }
+    }
+
+    /// The pixels from (x, y) on, and how many apart rows are; empty beyond the image.
+    pub(crate) fn starting_at(&self, x: usize, y: usize) -> (&'a [P], usize) {
+        (self.data.get(y * self.stride + x..).unwrap_or(&[]), self.stride)
     }
 
     /// The whole image as a region.

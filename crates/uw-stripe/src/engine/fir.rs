@@ -1,0 +1,366 @@
+//! The matched filter at the signal's own level of noise: linear estimates of a stripe's shift, height and background.
+//!
+//! Around an offset p a stripe of height A and width w on a background b is, to first order in its shift, x = A g(k − p) + D g′(k − p) + b
+//! with D = A · shift. Weighted least squares with the variance 1 + ρ g + κ g² (ρ: shot noise of the peak by the background's variance;
+//! κ: speckle's) makes each of A, D and b one sum over the window: the filter h_ρ(d) = d g / (1 + ρ g) of the Cramér–Rao bound with what it
+//! takes to ignore a constant background. t = D/A is a known function of the shift; a polynomial inverts it.
+//!
+//! p is a quarter of a pixel to the side on which the stripe's centre lies, so that what is left is a quarter of a pixel and the filter is
+//! matched to a thousandth. Levels of ρ + κ are half octaves; a group of 16 lines shares one, at the mean of their heights.
+
+use fearless_simd::{Select, Simd, SimdBase, SimdFloat, f32x16};
+use nalgebra::{SMatrix, SVector};
+
+use super::window::GROUP;
+use crate::NoiseModel;
+use crate::special::normal;
+
+/// Levels, two an octave of 1 + ρ + κ.
+const LEVELS: usize = 24;
+/// Offset the filters are made for, px.
+const PHASE: f64 = 0.25;
+/// Half a window, in widths: where shot noise dominates, what lies beyond holds 0.5 % of the information.
+const REACH_WIDTHS: f64 = 3.2;
+/// Distance from the offset up to which a filter is still matched well enough, in widths: five hundredths are lost at its end.
+const BELIEVED_WIDTHS: f64 = 0.5;
+/// Lines that share a level.
+const CHUNK: usize = 16;
+/// Height that divides where there is none, DN.
+const LEAST_HEIGHT: f32 = 1e-3;
+/// Sigmas from which the slope of the background under a chunk of lines is taken out.
+const SIGNIFICANT: f32 = 4.0;
+/// Degree of the polynomial that inverts t.
+const DEGREE: usize = 5;
+
+/// Coefficients by rising powers.
+type Polynomial = [f32; DEGREE + 1];
+
+/// The filters for one width and noise.
+#[derive(Debug)]
+pub(crate) struct Bank {
+    /// Pixels on either side of the place.
+    pub half: usize,
+    pub width: f32,
+    kernels: Vec<Kernel>,
+    noise: NoiseModel,
+    /// Least ratio of height to noise through a matched filter.
+    min_snr: f32,
+    /// Flux of a stripe of height 1.
+    flux: f32,
+    /// Shift beyond which the window should be moved, px.
+    pub recentre: f32,
+}
+
+/// Filters at one level, split in what is odd and what is even in k.
+#[derive(Debug)]
+struct Kernel {
+    /// For k = 1 …: shift odd, shift even, height odd, height even.
+    taps: Vec<[f32; 4]>,
+    /// For k = 0: shift, height.
+    middle: [f32; 2],
+    /// The same for what the model lacks: slope of the background odd, even; width odd, even.
+    extra: Vec<[f32; 4]>,
+    extra_middle: [f32; 2],
+    /// Variances of the two for unit variance that is even, follows the stripe, follows its square.
+    extra_noise: [[f32; 3]; 2],
+    /// Shift of the centre by a background that slopes by its height a pixel.
+    lean: f32,
+    /// Shift from t, and its derivative.
+    shift: Polynomial,
+    rate: Polynomial,
+    /// What the two read by the height on a stripe that lacks nothing, from t.
+    expected: [Polynomial; 2],
+    /// Range of t that the polynomial holds for.
+    range: [f32; 2],
+    /// Variance of D for unit variance that is even over the pixels, follows the stripe, follows its square.
+    noise: [f32; 3],
+}
+
+/// What a group of lines yields; lane by lane.
+#[derive(Debug)]
+pub(crate) struct Estimates {
+    /// Centre minus place, px.
+    pub shift: [f32; GROUP],
+    pub sigma: [f32; GROUP],
+    pub amplitude: [f32; GROUP],
+    pub background: [f32; GROUP],
+    /// Square of the height through a matched filter minus that of the least one, up to a factor: negative where the signal is too weak.
+    pub excess: [f32; GROUP],
+    /// Largest grey value of the window, DN.
+    pub top: [f32; GROUP],
+    /// Slope of the background by its standard deviation; only where asked for.
+    pub slope: [f32; GROUP],
+    /// Shift that the slope of the background makes in the plain filter, px; only where asked for.
+    pub lean: [f32; GROUP],
+    /// Natural logarithm of width by the filter's, and its standard deviation; only where asked for.
+    pub ln_width: [f32; GROUP],
+    pub sigma_ln_width: [f32; GROUP],
+}
+
+impl Default for Estimates {
+    fn default() -> Self {
+        let none = [0.0; GROUP];
+        Self {
+            shift: none,
+            sigma: none,
+            amplitude: none,
+            background: none,
+            excess: none,
+            lean: none,
+            top: none,
+            slope: none,
+            ln_width: none,
+            sigma_ln_width: none,
+        }
+    }
+}
+
+/// A stripe of height 1 and width `w` centred on `c` at pixel k, and its derivative by c: integrated over the pixel.
+fn profile(k: f64, c: f64, w: f64) -> (f64, f64) {
+    let ((low_density, low), (high_density, high)) = (normal((k - 0.5 - c) / w), normal((k + 0.5 - c) / w));
+    let unit = (2.0 * std::f64::consts::PI).sqrt();
+    (unit * w * (high - low), -unit * (high_density - low_density))
+}
+
+impl Bank {
+    /// Filters for stripes of `width_px` in the given noise.
+    pub fn new(width_px: f32, noise: NoiseModel, min_snr: f32) -> Self {
+        let width = f64::from(width_px);
+        let half = (REACH_WIDTHS * width + 0.5).ceil() as usize;
+        let dark = noise.variance(0.0, 0.0);
+        let (shot, contrast) = (1.0 / f64::from(noise.gain_e_per_dn), f64::from(noise.speckle_contrast));
+        let kernels = (0..LEVELS)
+            .map(|level| {
+                let excess = (2f64.powf(0.5 * (level as f64 + 0.5)) - 1.0) * dark;
+                // The height A at which A shot + (A contrast)² is that much, in a form that holds where either is 0.
+                let height =
+                    2.0 * excess / (shot + (shot * shot + 4.0 * contrast * contrast * excess).sqrt());
+                Kernel::new(width, half, height * shot / dark, (height * contrast).powi(2) / dark)
+            })
+            .collect();
+        let flux = ((2.0 * std::f64::consts::PI).sqrt() * width) as f32;
+        Self {
+            half,
+            width: width_px,
+            kernels,
+            noise,
+            min_snr,
+            flux,
+            recentre: (PHASE + BELIEVED_WIDTHS * width) as f32,
+        }
+    }
+
+    /// Variance of a grey value: that of none, DN², and what each DN adds.
+    pub fn variance_line(&self) -> (f32, f32) {
+        (self.noise.variance(0.0, 0.0) as f32, self.noise.gain_e_per_dn.recip())
+    }
+
+    /// Shift, height and background of the lines of a group from their windows; with `EXTRA` also what the model lacks, and a correction
+    /// where the background slopes.
+    #[inline(always)]
+    pub fn estimate<S: Simd, const EXTRA: bool>(
+        &self,
+        simd: S,
+        windows: &[f32],
+        lines: usize,
+        out: &mut Estimates,
+    ) {
+        for from in (0..lines).step_by(CHUNK) {
+            self.chunk::<S, EXTRA>(simd, windows, from, out);
+        }
+    }
+
+    #[inline(always)]
+    fn chunk<S: Simd, const EXTRA: bool>(&self, simd: S, windows: &[f32], from: usize, out: &mut Estimates) {
+        type V<S> = f32x16<S>;
+        let splat = |v: f32| V::<S>::splat(simd, v);
+        let rows = windows.as_chunks::<GROUP>().0;
+        let load = |row: &[f32; GROUP]| V::<S>::from_slice(simd, &row[from..from + CHUNK]);
+        let noise = &self.noise;
+        let (shot, dark) = (noise.gain_e_per_dn.recip(), noise.variance(0.0, 0.0) as f32);
+        let half = self.half;
+        let middle = load(&rows[half]);
+        let edges = load(&rows[0]) + load(&rows[2 * half]);
+        let around = edges.reduce_sum() * (0.5 / CHUNK as f32);
+        let height = middle.reduce_sum() * (1.0 / CHUNK as f32) - around;
+        let contrast = noise.speckle_contrast * noise.speckle_contrast;
+        let excess = height.max(0.0) * (shot + height * contrast);
+        let kernel = &self.kernels[level(excess / (dark + around.max(0.0) * shot))];
+        let mut sums = [splat(0.0); 4];
+        let mut extra = [splat(0.0); 4];
+        let (mut total, mut top) = (middle, middle);
+        let pairs = rows[..half].iter().rev().zip(&rows[half + 1..]);
+        for (((before, after), tap), more) in pairs.zip(&kernel.taps).zip(&kernel.extra) {
+            let (before, after) = (load(before), load(after));
+            let (odd, even) = (after - before, after + before);
+            total += even;
+            top = top.max(before.max(after));
+            sums[0] += odd * tap[0];
+            sums[1] += even * tap[1];
+            sums[2] += odd * tap[2];
+            sums[3] += even * tap[3];
+            if EXTRA {
+                extra[0] += odd * more[0];
+                extra[1] += even * more[1];
+                extra[2] += odd * more[2];
+                extra[3] += even * more[3];
+            }
+        }
+        let zero = splat(0.0);
+        let left = sums[0].simd_lt(zero);
+        let mirrored = |v: V<S>| left.select(zero - v, v);
+        let moment = mirrored(sums[0]) + sums[1] + middle * kernel.middle[0];
+        let height = mirrored(sums[2]) + sums[3] + middle * kernel.middle[1];
+        // Where there is no stripe the height may be anything; the verdict falls on the ratio to its noise.
+        let safe = height.max(splat(LEAST_HEIGHT));
+        let mut background = (total - height * self.flux) * ((2 * half + 1) as f32).recip();
+        let base = background.max(zero) * shot + splat(dark);
+        let variance = |gains: &[f32; 3]| {
+            base * gains[0] + safe * (gains[1] * shot) + safe * safe * (gains[2] * contrast)
+        };
+        let mut moment_variance = variance(&kernel.noise);
+        let inverse = splat(1.0) / safe;
+        let within = |t: V<S>| t.max(splat(kernel.range[0])).min(splat(kernel.range[1]));
+        let polynomial = |c: &Polynomial, t: V<S>| {
+            c[..DEGREE].iter().rev().fold(splat(c[DEGREE]), |sum, c| sum * t + splat(*c))
+        };
+        let mut t = within(moment * inverse);
+        if EXTRA {
+            // A stripe beside the offset looks a little wider, and leaning.
+            let slope = (mirrored(extra[0]) + extra[1] + middle * kernel.extra_middle[0]) * inverse
+                - polynomial(&kernel.expected[0], t);
+            let slope_variance = variance(&kernel.extra_noise[0]);
+            let z = slope * safe / slope_variance.sqrt();
+            let widening = (mirrored(extra[2]) + extra[3] + middle * kernel.extra_middle[1]) * inverse
+                - polynomial(&kernel.expected[1], t);
+            let lean = slope * kernel.lean;
+            z.store_slice(&mut out.slope[from..from + CHUNK]);
+            lean.store_slice(&mut out.lean[from..from + CHUNK]);
+            widening.store_slice(&mut out.ln_width[from..from + CHUNK]);
+            let sigma = variance(&kernel.extra_noise[1]).sqrt() * inverse;
+            sigma.store_slice(&mut out.sigma_ln_width[from..from + CHUNK]);
+            // What haze does to one line is hidden in its noise; sixteen neighbours show it.
+            if mirrored(z).reduce_sum().abs() > SIGNIFICANT * (CHUNK as f32).sqrt() {
+                t = within(t - lean);
+                moment_variance += slope_variance * (kernel.lean * kernel.lean);
+            }
+        }
+        let shift = polynomial(&kernel.shift, t);
+        let rate = polynomial(&kernel.rate, t);
+        background = background.max(zero);
+        let sigma = moment_variance.sqrt() * rate * inverse;
+        let matched = self.width * std::f32::consts::PI.sqrt();
+        // Sign and square of the ratio to the noise of the dark: comparisons need no root.
+        let excess = height.max(zero) * safe * matched - base * (self.min_snr * self.min_snr);
+        mirrored(shift).store_slice(&mut out.shift[from..from + CHUNK]);
+        sigma.store_slice(&mut out.sigma[from..from + CHUNK]);
+        height.store_slice(&mut out.amplitude[from..from + CHUNK]);
+        background.store_slice(&mut out.background[from..from + CHUNK]);
+        excess.store_slice(&mut out.excess[from..from + CHUNK]);
+        top.store_slice(&mut out.top[from..from + CHUNK]);
+    }
+}
+
+/// Level of the filters for the ratio of a stripe's own variance to the background's: half octaves of 1 + ratio, read off the bits.
+fn level(ratio: f32) -> usize {
+    let bits = (1.0 + ratio.max(0.0)).to_bits() >> 22;
+    (bits.saturating_sub(127 << 1) as usize).min(LEVELS - 1)
+}
+
+/// Shapes that a window is made of: height, shift, background; slope of the background and width, which the plain filters leave out.
+const SHAPES: usize = 5;
+const PLAIN: usize = 3;
+
+impl Kernel {
+    fn new(width: f64, half: usize, rho: f64, kappa: f64) -> Self {
+        let taps = 2 * half + 1;
+        let shapes: Vec<SVector<f64, SHAPES>> = (0..taps)
+            .map(|i| {
+                let k = i as f64 - half as f64;
+                let (g, shift) = profile(k, PHASE, width);
+                let step = 1e-3;
+                // The height goes with 1/width at a given flux; here it is the shape of a given height that widens.
+                let wider =
+                    profile(k, PHASE, width * (1.0 + step)).0 - profile(k, PHASE, width * (1.0 - step)).0;
+                SVector::from([g, shift, 1.0, k, wider / (2.0 * step)])
+            })
+            .collect();
+        let weight = |r: &SVector<f64, SHAPES>| 1.0 / (1.0 + rho * r[0] + kappa * r[0] * r[0]);
+        let mut normal = SMatrix::<f64, SHAPES, SHAPES>::zeros();
+        for r in &shapes {
+            normal += r * r.transpose() * weight(r);
+        }
+        // Shapes of which none is a sum of the others over at least five pixels: singular only where rounding makes them so.
+        let plain =
+            normal.fixed_view::<PLAIN, PLAIN>(0, 0).into_owned().try_inverse().unwrap_or_else(SMatrix::zeros);
+        let full = normal.try_inverse().unwrap_or_else(SMatrix::zeros);
+        let filters: Vec<[f64; 4]> = shapes
+            .iter()
+            .map(|r| {
+                let few = plain * r.fixed_rows::<PLAIN>(0) * weight(r);
+                let all = full * r * weight(r);
+                [few[1], few[0], all[3], all[4]]
+            })
+            .collect();
+        let noise = |which: usize| {
+            let mut sums = [0.0f32; 3];
+            for (f, r) in filters.iter().zip(&shapes) {
+                for (sum, power) in sums.iter_mut().zip([1.0, r[0], r[0] * r[0]]) {
+                    *sum += (f[which] * f[which] * power) as f32;
+                }
+            }
+            sums
+        };
+        let odd =
+            |k: usize, which: usize| (0.5 * (filters[half + k][which] - filters[half - k][which])) as f32;
+        let even =
+            |k: usize, which: usize| (0.5 * (filters[half + k][which] + filters[half - k][which])) as f32;
+        let parts = |a: usize, b: usize| {
+            (1..=half).map(|k| [odd(k, a), even(k, a), odd(k, b), even(k, b)]).collect::<Vec<_>>()
+        };
+        let (shift, expected, range) = inversion(width, half, &filters);
+        let rate = std::array::from_fn(|k| if k < DEGREE { shift[k + 1] * (k + 1) as f32 } else { 0.0 });
+        Self {
+            taps: parts(0, 1),
+            middle: [filters[half][0] as f32, filters[half][1] as f32],
+            extra: parts(2, 3),
+            extra_middle: [filters[half][2] as f32, filters[half][3] as f32],
+            extra_noise: [noise(2), noise(3)],
+            lean: filters.iter().zip(&shapes).map(|(f, r)| f[0] * r[3]).sum::<f64>() as f32,
+            shift,
+            rate,
+            expected,
+            range,
+            noise: noise(0),
+        }
+    }
+}
+
+/// Polynomials in t = D/A for a stripe's shift and for what the extra filters read by its height, fitted to noise-free stripes, and the range
+/// of t they were fitted to.
+fn inversion(width: f64, half: usize, filters: &[[f64; 4]]) -> (Polynomial, [Polynomial; 2], [f32; 2]) {
+    const STEPS: usize = 64;
+    const TERMS: usize = DEGREE + 1;
+    let reach = BELIEVED_WIDTHS * width;
+    let (from, to) = (PHASE - 0.5 - reach, PHASE + 0.1 + reach);
+    let mut normal = SMatrix::<f64, TERMS, TERMS>::zeros();
+    let mut right = SMatrix::<f64, TERMS, 3>::zeros();
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for step in 0..=STEPS {
+        let shift = from + (to - from) * step as f64 / STEPS as f64;
+        let mut read = [0.0; 4];
+        for (i, f) in filters.iter().enumerate() {
+            let g = profile(i as f64 - half as f64, shift, width).0;
+            read.iter_mut().zip(f).for_each(|(sum, f)| *sum += f * g);
+        }
+        let [moment, height, slope, wider] = read;
+        let t = moment / height;
+        (low, high) = (low.min(t), high.max(t));
+        let powers = SVector::<f64, TERMS>::from_fn(|k, _| t.powi(k as i32));
+        normal += powers * powers.transpose();
+        right += powers * SMatrix::<f64, 1, 3>::new(shift, slope / height, wider / height);
+    }
+    let solution = normal.cholesky().map_or_else(SMatrix::zeros, |c| c.solve(&right));
+    let column = |c: usize| std::array::from_fn(|k| solution[(k, c)] as f32);
+    (column(0), [column(1), column(2)], [low as f32, high as f32])
+}

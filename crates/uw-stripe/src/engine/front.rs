@@ -1,0 +1,408 @@
+//! Where a stripe may be on each line: the two places that stand highest out of their surroundings.
+//!
+//! Pass one is a pure read: the largest grey value of every block of 16 rows in each column. The map that results is a sixteenth of the
+//! image; both directions are searched on it, for what stands out of the map a stripe's width away, so that a haze that varies slowly, however
+//! bright, raises no candidates, and nothing depends on a threshold. Only blocks that hold a candidate are looked at again.
+
+use std::ops::Range;
+
+use fearless_simd::{Select, Simd, SimdBase, SimdMask};
+
+use super::lanes::MOST_LANES;
+use crate::{Axis, Pixel, Roi, View};
+
+/// Rows of which the maximum is formed at a time.
+const ROWS: usize = 16;
+/// Rows read at a time: as many as there are registers to point at them.
+const STRIP: usize = 8;
+/// Most blocks, so that a byte can number them.
+const MOST_BLOCKS: usize = 254;
+/// Place of a line without a candidate.
+pub(crate) const NOWHERE: u32 = u32::MAX;
+
+/// Candidates of every line of a region: place along the line, counted from the region's border.
+#[derive(Debug, Default)]
+pub(crate) struct Places {
+    pub at: Vec<u32>,
+}
+
+impl Places {
+    fn reset(&mut self, lines: usize) {
+        self.at.clear();
+        self.at.resize(lines, NOWHERE);
+    }
+}
+
+/// Search for candidates; keeps its buffers.
+#[derive(Debug, Default)]
+pub(crate) struct Front<P> {
+    /// Block maxima, a row a block.
+    map: Vec<P>,
+    contrast: Vec<P>,
+    padded: Vec<P>,
+    /// Strongest and second candidates.
+    pub places: [Places; 2],
+}
+
+/// What is looked for.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Wanted {
+    pub axis: Axis,
+    /// Standard deviation of the stripe's cross section, px.
+    pub width_px: f32,
+    /// Least height of a second candidate, DN; `None`: no second one.
+    pub second_dn: Option<f32>,
+}
+
+/// Region and size of its blocks.
+#[derive(Debug, Clone, Copy)]
+struct Blocks {
+    roi: Roi,
+    rows: usize,
+    count: usize,
+}
+
+impl Blocks {
+    fn new(roi: Roi) -> Self {
+        let rows = ROWS * roi.height.div_ceil(ROWS * MOST_BLOCKS).max(1);
+        Self { roi, rows, count: roi.height.div_ceil(rows) }
+    }
+
+    /// Rows of a block, counted from the region's first.
+    fn range(&self, block: usize) -> Range<usize> {
+        block * self.rows..((block + 1) * self.rows).min(self.roi.height)
+    }
+}
+
+impl<P: Pixel> Front<P> {
+    /// Finds the candidates.
+    #[inline(always)]
+    pub fn search<S: Simd>(&mut self, simd: S, image: &View<'_, P>, roi: Roi, wanted: Wanted) {
+        let blocks = Blocks::new(roi);
+        self.map.resize(blocks.count * roi.width, P::ZERO);
+        for block in 0..blocks.count {
+            let map = &mut self.map[block * roi.width..(block + 1) * roi.width];
+            if roi.width < P::N {
+                map.fill(P::ZERO);
+                for y in blocks.range(block) {
+                    let row = &image.row(roi.y + y)[roi.x..roi.x + roi.width];
+                    map.iter_mut().zip(row).for_each(|(m, p)| *m = (*m).max(*p));
+                }
+            } else {
+                maxima(simd, image, roi, blocks.range(block), map);
+            }
+        }
+        let lines = wanted.axis.lines(roi.width, roi.height);
+        self.places.iter_mut().for_each(|p| p.reset(lines));
+        match wanted.axis {
+            Axis::PerColumn if roi.width < P::N => self.few_columns(image, blocks, wanted),
+            Axis::PerColumn => {
+                for x in (0..roi.width).step_by(P::N) {
+                    self.columns(simd, image, blocks, wanted, x.min(roi.width - P::N));
+                }
+            }
+            Axis::PerRow => {
+                for block in 0..blocks.count {
+                    self.rows(simd, image, blocks, wanted, block);
+                }
+            }
+        }
+    }
+
+    /// Blocks to either side in which a stripe of the block between does not show.
+    fn reach(wanted: Wanted, blocks: Blocks) -> usize {
+        1 + (6.0 * wanted.width_px / blocks.rows as f32).ceil() as usize
+    }
+
+    /// The smaller of two neighbours' maxima, or that of the one there is.
+    fn around(before: Option<P>, after: Option<P>) -> P {
+        match (before, after) {
+            (Some(a), Some(b)) => a.min(b),
+            (one, other) => one.or(other).unwrap_or(P::ZERO),
+        }
+    }
+
+    #[inline(always)]
+    fn columns<S: Simd>(&mut self, simd: S, image: &View<'_, P>, blocks: Blocks, wanted: Wanted, x: usize) {
+        let (width, count) = (blocks.roi.width, blocks.count);
+        let reach = Self::reach(wanted, blocks);
+        let splat = |v: P| P::V::<S>::splat(simd, v);
+        let map = |block: usize| P::V::<S>::from_slice(simd, &self.map[block * width + x..][..P::N]);
+        let none = splat(P::MAX);
+        let zero = splat(P::ZERO);
+        let (mut height, mut place) = ([zero; 2], [none; 2]);
+        for block in 0..count {
+            let here = map(block);
+            let around = match (block.checked_sub(reach), (block + reach < count).then_some(block + reach)) {
+                (Some(a), Some(b)) => map(a).min(map(b)),
+                (Some(a), None) | (None, Some(a)) => map(a),
+                (None, None) => zero,
+            };
+            let contrast = here - here.min(around);
+            let number = splat(P::from_index(block as u8));
+            let first = contrast.simd_gt(height[0]);
+            if wanted.second_dn.is_some() {
+                let beside = place[0].simd_eq(splat(P::from_index(block.saturating_sub(1) as u8)));
+                // The strongest so far becomes the second, unless the new one is its other part.
+                let pushed = first & !beside;
+                let second = contrast.simd_gt(height[1]) & !first & !beside;
+                height[1] = pushed.select(height[0], second.select(contrast, height[1]));
+                place[1] = pushed.select(place[0], second.select(number, place[1]));
+            }
+            height[0] = first.select(contrast, height[0]);
+            place[0] = first.select(number, place[0]);
+        }
+        self.locate(simd, image, blocks, x, 0, place[0]);
+        if wanted.second_dn.is_some_and(|least| height[1].simd_gt(splat(P::from_dn(least))).any_true()) {
+            self.locate(simd, image, blocks, x, 1, place[1]);
+        }
+    }
+
+    /// Rows of the maxima within the blocks chosen, for a vector of columns; the first of equals.
+    #[inline(always)]
+    fn locate<S: Simd>(
+        &mut self,
+        simd: S,
+        image: &View<'_, P>,
+        blocks: Blocks,
+        x: usize,
+        rank: usize,
+        place: P::V<S>,
+    ) {
+        let width = blocks.roi.width;
+        let mut chosen = [P::MAX; MOST_LANES];
+        place.store_slice(&mut chosen[..P::N]);
+        let (mut low, mut high) = (P::MAX, P::ZERO);
+        for &b in &chosen[..P::N] {
+            low = low.min(b);
+            high = high.max(if b == P::MAX { P::ZERO } else { b });
+        }
+        let out = &mut self.places[rank];
+        if low == P::MAX {
+            return;
+        }
+        for block in low.index()..=high.index() {
+            let mine = place.simd_eq(P::V::<S>::splat(simd, P::from_index(block as u8)));
+            if !mine.any_true() {
+                continue;
+            }
+            let block = block as usize;
+            let best = P::V::<S>::from_slice(simd, &self.map[block * width + x..][..P::N]);
+            let range = blocks.range(block);
+            let (strip, stride) = image.starting_at(blocks.roi.x + x, blocks.roi.y + range.start);
+            // Blocks of very tall images have more rows than a byte can number: parts of them.
+            let most = P::MAX.index().min(255) as usize;
+            for part in (0..range.len()).step_by(most).rev() {
+                let mut row = P::V::<S>::splat(simd, P::MAX);
+                for r in (part..(part + most).min(range.len())).rev() {
+                    let here = P::V::<S>::from_slice(simd, &strip[r * stride..][..P::N]);
+                    row = here
+                        .simd_eq(best)
+                        .select(P::V::<S>::splat(simd, P::from_index((r - part) as u8)), row);
+                }
+                let row = mine.select(row, P::V::<S>::splat(simd, P::MAX));
+                let mut rows = [P::MAX; MOST_LANES];
+                row.store_slice(&mut rows[..P::N]);
+                for (at, r) in out.at[x..x + P::N].iter_mut().zip(rows) {
+                    if r != P::MAX {
+                        *at = (range.start + part) as u32 + r.index();
+                    }
+                }
+            }
+        }
+    }
+
+    /// The same for regions narrower than a vector.
+    fn few_columns(&mut self, image: &View<'_, P>, blocks: Blocks, wanted: Wanted) {
+        let Blocks { roi, count, .. } = blocks;
+        let reach = Self::reach(wanted, blocks);
+        for x in 0..roi.width {
+            let map = |block: usize| (block < count).then(|| self.map[block * roi.width + x]);
+            let mut best = [(P::ZERO, None::<usize>); 2];
+            for block in 0..count {
+                let here = self.map[block * roi.width + x];
+                let around = Self::around(block.checked_sub(reach).and_then(map), map(block + reach));
+                let contrast = here - here.min(around);
+                let beside = best[0].1.is_some_and(|b| b + 1 == block);
+                if contrast > best[0].0 {
+                    if !beside {
+                        best[1] = best[0];
+                    }
+                    best[0] = (contrast, Some(block));
+                } else if contrast > best[1].0 && !beside {
+                    best[1] = (contrast, Some(block));
+                }
+            }
+            for (rank, (height, block)) in best.into_iter().enumerate() {
+                let Some(block) =
+                    block.filter(|_| rank == 0 || wanted.second_dn.is_some_and(|d| height > P::from_dn(d)))
+                else {
+                    continue;
+                };
+                let top = self.map[block * roi.width + x];
+                let row = blocks.range(block).find(|y| image.row(roi.y + y)[roi.x + x] == top);
+                self.places[rank].at[x] = row.map_or(NOWHERE, |y| y as u32);
+            }
+        }
+    }
+
+    /// The candidates of a block's rows: the places that stand out of the block's maxima, then each row's maximum around them.
+    #[inline(always)]
+    fn rows<S: Simd>(&mut self, simd: S, image: &View<'_, P>, blocks: Blocks, wanted: Wanted, block: usize) {
+        /// Pixels added on either side, and on which steep stripes count as one: 16 rows at slope 3.
+        const MARGIN: usize = 4;
+        const STEEP: usize = 24;
+        let Blocks { roi, .. } = blocks;
+        let reach = (3.5 * wanted.width_px).ceil() as usize + STEEP;
+        let map = &self.map[block * roi.width..(block + 1) * roi.width];
+        // Beyond the border lies what never is the smaller of two; a line too short for both sides is compared with its darkest pixel.
+        let short = map.len() <= 2 * reach;
+        let beyond = if short { map.iter().copied().min().unwrap_or(P::ZERO) } else { P::MAX };
+        self.padded.clear();
+        self.padded.resize(reach, beyond);
+        self.padded.extend_from_slice(map);
+        self.padded.resize(map.len() + 2 * reach, beyond);
+        self.contrast.resize(roi.width, P::ZERO);
+        let padded = &self.padded;
+        let (here, around) = (&padded[reach..], |x: usize| padded[x].min(padded[x + 2 * reach]));
+        if roi.width < P::N {
+            for (x, contrast) in self.contrast.iter_mut().enumerate() {
+                *contrast = here[x] - here[x].min(around(x));
+            }
+        } else {
+            for x in (0..roi.width).step_by(P::N) {
+                let x = x.min(roi.width - P::N);
+                let load = |from: usize| P::V::<S>::from_slice(simd, &padded[from..from + P::N]);
+                let here = load(x + reach);
+                (here - here.min(load(x).min(load(x + 2 * reach))))
+                    .store_slice(&mut self.contrast[x..x + P::N]);
+            }
+        }
+        for rank in 0..2 {
+            let top = brightest(simd, &self.contrast);
+            let enough = rank == 0 || wanted.second_dn.is_some_and(|d| top > P::from_dn(d));
+            if top == P::ZERO || !enough {
+                return;
+            }
+            let Some(peak) = position(simd, &self.contrast, top) else { return };
+            let low = P::from_dn(0.25 * top.dn());
+            let (before, after) = self.contrast.split_at(peak);
+            let from = (peak - run(simd, before, low, true)).saturating_sub(MARGIN);
+            let to = (peak + run(simd, after, low, false) + MARGIN).min(roi.width);
+            // At least a vector, where there is one.
+            let to = to.max((from + P::N).min(roi.width));
+            let from = from.min(to.saturating_sub(P::N));
+            for y in blocks.range(block) {
+                let row = &image.row(roi.y + y)[roi.x + from..roi.x + to];
+                let best = brightest(simd, row);
+                let at = from + position(simd, row, best).unwrap_or(0);
+                self.places[rank].at[y] = at as u32;
+            }
+            // A second one lies apart from the first.
+            self.contrast[from.saturating_sub(reach)..(to + reach).min(roi.width)].fill(P::ZERO);
+        }
+    }
+}
+
+/// Largest grey value of each column in some rows.
+#[inline(always)]
+fn maxima<S: Simd, P: Pixel>(simd: S, image: &View<'_, P>, roi: Roi, rows: Range<usize>, map: &mut [P]) {
+    let width = map.len();
+    for first in rows.clone().step_by(STRIP) {
+        // Below the last row comes the last row again, which changes no maximum.
+        let mut lines = [&[] as &[P]; STRIP];
+        for (r, line) in lines.iter_mut().enumerate() {
+            *line = &image.row(roi.y + (first + r).min(rows.end - 1))[roi.x..roi.x + width];
+        }
+        for x in (0..width).step_by(P::N) {
+            let x = x.min(width - P::N);
+            let load = |r: usize| P::V::<S>::from_slice(simd, &lines[r][x..x + P::N]);
+            let pair = |r: usize| load(r).max(load(r + 1));
+            let four = |r: usize| pair(r).max(pair(r + 2));
+            let mut here = four(0).max(four(4));
+            if first > rows.start {
+                here = here.max(P::V::<S>::from_slice(simd, &map[x..x + P::N]));
+            }
+            here.store_slice(&mut map[x..x + P::N]);
+        }
+    }
+}
+
+/// Largest of some grey values; 0 of none.
+#[inline(always)]
+fn brightest<S: Simd, P: Pixel>(simd: S, row: &[P]) -> P {
+    if row.len() < P::N {
+        return row.iter().copied().max().unwrap_or(P::ZERO);
+    }
+    let load = |x: usize| P::V::<S>::from_slice(simd, &row[x..x + P::N]);
+    let mut best = load(row.len() - P::N);
+    for chunk in row.chunks_exact(P::N) {
+        best = best.max(P::V::<S>::from_slice(simd, chunk));
+    }
+    best.reduce_max()
+}
+
+/// Length of the run of grey values above `low` at the start, or at the end, of some.
+#[inline(always)]
+fn run<S: Simd, P: Pixel>(simd: S, row: &[P], low: P, backward: bool) -> usize {
+    let above = |v: &&P| **v > low;
+    let mut length = 0;
+    while length + P::N <= row.len() {
+        let from = if backward { row.len() - length - P::N } else { length };
+        let part = P::V::<S>::from_slice(simd, &row[from..from + P::N]);
+        let below = !part.simd_gt(P::V::<S>::splat(simd, low)).to_bitmask() << (64 - P::N);
+        let here =
+            if backward { below.leading_zeros() } else { (below >> (64 - P::N)).trailing_zeros() } as usize;
+        if here < P::N {
+            return length + here;
+        }
+        length += P::N;
+    }
+    let rest = if backward { &row[..row.len() - length] } else { &row[length..] };
+    length
+        + if backward {
+            rest.iter().rev().take_while(above).count()
+        } else {
+            rest.iter().take_while(above).count()
+        }
+}
+
+/// Where a value occurs first.
+#[inline(always)]
+fn position<S: Simd, P: Pixel>(simd: S, row: &[P], value: P) -> Option<usize> {
+    if row.len() < P::N {
+        return row.iter().position(|p| *p == value);
+    }
+    let last = row.len() - P::N;
+    (0..row.len()).step_by(P::N).find_map(|x| {
+        let x = x.min(last);
+        let equal = P::V::<S>::from_slice(simd, &row[x..x + P::N])
+            .simd_eq(P::V::<S>::splat(simd, value))
+            .to_bitmask();
+        (equal != 0).then(|| x + equal.trailing_zeros() as usize)
+    })
+}
+
+/// Largest grey value of the region: nothing but a read, to compare with.
+#[inline(always)]
+pub(crate) fn read<S: Simd, P: Pixel>(simd: S, image: &View<'_, P>, roi: Roi) -> P {
+    let row = |y: usize| &image.row(roi.y + y)[roi.x..roi.x + roi.width];
+    if roi.width < P::N {
+        return (0..roi.height).flat_map(row).copied().max().unwrap_or(P::ZERO);
+    }
+    let mut best = [P::V::<S>::splat(simd, P::ZERO); 4];
+    for y in 0..roi.height {
+        let row = row(y);
+        let mut chunks = row.chunks_exact(4 * P::N);
+        for chunk in &mut chunks {
+            for (best, part) in best.iter_mut().zip(chunk.chunks_exact(P::N)) {
+                *best = best.max(P::V::<S>::from_slice(simd, part));
+            }
+        }
+        for x in (row.len() - chunks.remainder().len()..row.len()).step_by(P::N) {
+            let x = x.min(row.len() - P::N);
+            best[0] = best[0].max(P::V::<S>::from_slice(simd, &row[x..x + P::N]));
+        }
+    }
+    best[0].max(best[1]).max(best[2].max(best[3])).reduce_max()
+}

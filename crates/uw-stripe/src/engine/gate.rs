@@ -1,0 +1,128 @@
+//! Region of interest from image to image: only the pixels around the last positions are read.
+
+use super::lanes::MOST_LANES;
+use super::{Buffers, Engine, Job};
+use crate::profile::{Flags, Stripe};
+use crate::{Axis, Pixel, Roi};
+
+/// How the stripe is followed from image to image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Tracking {
+    /// Pixels looked at on either side of the last image's positions.
+    pub reach_px: usize,
+    /// Every how many images all pixels are looked at; 1: always.
+    pub full_every: u32,
+}
+
+impl Default for Tracking {
+    fn default() -> Self {
+        Self { reach_px: 24, full_every: 100 }
+    }
+}
+
+/// Share of a group's lines that must be found again where they were; otherwise the whole lines are searched.
+const FOUND_AGAIN: f32 = 0.5;
+
+/// What is kept of the last image.
+#[derive(Debug, Default)]
+pub(super) struct Gate {
+    /// Lowest and highest position of each group of lines, and how many there were; `None`: to be searched for.
+    groups: Vec<Option<Extent>>,
+    /// Region and direction that the groups are of.
+    of: Option<(Roi, Axis)>,
+    age: u32,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Extent {
+    low: f32,
+    high: f32,
+    found: usize,
+}
+
+impl Engine {
+    /// As without tracking, but only around the last positions; lines of groups that had to be searched for anew are flagged.
+    pub(super) fn tracked<P: Pixel>(
+        &mut self,
+        job: Job<'_, P>,
+        tracking: Tracking,
+        buffers: &mut Buffers<P>,
+        stripe: &mut Stripe,
+    ) {
+        let groups = job.lines().div_ceil(MOST_LANES);
+        let all = self.gate.of != Some((job.roi, job.axis)) || self.gate.age + 1 >= tracking.full_every;
+        self.gate.of = Some((job.roi, job.axis));
+        self.gate.age = if all { 0 } else { self.gate.age + 1 };
+        self.gate.groups.resize(groups, None);
+        if all {
+            self.region(job, buffers, stripe);
+        } else {
+            self.gated(job, tracking, buffers, stripe);
+        }
+        for group in 0..groups {
+            self.gate.groups[group] = extent(&job, group, stripe);
+        }
+    }
+
+    fn gated<P: Pixel>(
+        &mut self,
+        job: Job<'_, P>,
+        tracking: Tracking,
+        buffers: &mut Buffers<P>,
+        stripe: &mut Stripe,
+    ) {
+        for group in 0..self.gate.groups.len() {
+            let last = self.gate.groups[group];
+            let part = part(&job, group, last, tracking.reach_px);
+            self.region(part, buffers, stripe);
+            let Some(last) = last else { continue };
+            let found = extent(&job, group, stripe).map_or(0, |e| e.found);
+            if (found as f32) < FOUND_AGAIN * last.found as f32 {
+                let whole = self::part(&job, group, None, 0);
+                self.region(whole, buffers, stripe);
+                let (first, _, _) = whole.origin();
+                for flags in &mut stripe.flags[first..first + whole.lines()] {
+                    *flags |= Flags::TRACK_LOST;
+                }
+            }
+        }
+    }
+}
+
+/// Lines of a group in the image; the last group is moved back to hold as many as the others, where there are as many.
+fn lines<P: Pixel>(job: &Job<'_, P>, group: usize) -> std::ops::Range<usize> {
+    let (first, _, _) = job.origin();
+    let count = job.lines();
+    let from = (group * MOST_LANES).min(count.saturating_sub(MOST_LANES));
+    first + from..first + (from + MOST_LANES).min(count)
+}
+
+/// The part of the region that a group's lines are looked for in.
+fn part<'a, P: Pixel>(job: &Job<'a, P>, group: usize, last: Option<Extent>, reach: usize) -> Job<'a, P> {
+    let (_, first_pixel, length) = job.origin();
+    let lines = lines(job, group);
+    let (from, size) = last.map_or((first_pixel, length), |e| {
+        let low = (e.low - first_pixel as f32 - reach as f32).floor().max(0.0) as usize;
+        let high = (e.high - first_pixel as f32 + reach as f32).ceil().max(0.0) as usize;
+        // At least a vector, for which the kernels are made.
+        let size = (high + 1).saturating_sub(low).max(MOST_LANES).min(length);
+        (first_pixel + low.min(length - size), size)
+    });
+    let roi = match job.axis {
+        Axis::PerRow => Roi { x: from, y: lines.start, width: size, height: lines.len() },
+        Axis::PerColumn => Roi { x: lines.start, y: from, width: lines.len(), height: size },
+    };
+    Job { roi, ..*job }
+}
+
+/// Where a group's lines were found.
+fn extent<P: Pixel>(job: &Job<'_, P>, group: usize, stripe: &Stripe) -> Option<Extent> {
+    let mut extent = Extent { low: f32::INFINITY, high: f32::NEG_INFINITY, found: 0 };
+    for &position in &stripe.position_px[lines(job, group)] {
+        // NaN changes neither.
+        extent.low = extent.low.min(position);
+        extent.high = extent.high.max(position);
+        extent.found += usize::from(!position.is_nan());
+    }
+    (extent.found > 0).then_some(extent)
+}

@@ -1,0 +1,176 @@
+//! Estimates at the candidates, and the verdicts on them.
+
+use fearless_simd::Simd;
+
+use super::front::NOWHERE;
+use super::window::{GROUP, Group};
+use super::{Buffers, Engine, Job, Kind, classic};
+use crate::Pixel;
+use crate::profile::{Flags, Reject, Stripe};
+
+/// Chi-square over the two shapes that the filters lack from which a line is refined (once in a hundred thousand lines by noise), if the shift
+/// that goes with it is this many sigmas, or the logarithm of the width this large.
+const LOPSIDED: f32 = 11.5;
+const LEAN_SIGMAS: f32 = 1.0;
+const WIDENING: f32 = 0.1;
+
+impl Engine {
+    /// Estimates and verdicts at the candidates of a rank; with `EXTRA` also what the model of the filters lacks.
+    #[inline(always)]
+    pub(super) fn measure<S: Simd, P: Pixel, const EXTRA: bool>(
+        &mut self,
+        simd: S,
+        job: Job<'_, P>,
+        buffers: &mut Buffers<P>,
+        rank: usize,
+        stripe: &mut Stripe,
+    ) {
+        /// Times that windows are moved to where the estimate points.
+        const ROUNDS: usize = 3;
+        let lines = job.lines();
+        let (_, _, length) = job.origin();
+        let Buffers { front, windows } = buffers;
+        for from in (0..lines).step_by(GROUP) {
+            // The last group overlaps the one before.
+            let first = from.min(lines.saturating_sub(GROUP));
+            let count = (lines - first).min(GROUP);
+            let at = &mut front.places[rank].at[first..first + count];
+            if at.iter().all(|a| *a == NOWHERE) {
+                self.write::<P, EXTRA>(job, first, at, stripe);
+                continue;
+            }
+            for round in 0..ROUNDS {
+                let group = Group { first, at, half: self.bank.half };
+                windows.load(simd, &job.image, job.roi, job.axis, group);
+                self.bank.estimate::<S, EXTRA>(simd, &windows.value, count, &mut self.estimates);
+                if round + 1 == ROUNDS || !self.recentre(at, length) {
+                    break;
+                }
+            }
+            match job.kind {
+                Kind::Cog => {
+                    classic::centre_of_gravity(&self.bank, &windows.value, &mut self.estimates);
+                }
+                Kind::BlaisRioux => {
+                    classic::blais_rioux(&self.bank, &windows.value, &mut self.estimates);
+                }
+                Kind::Fast | Kind::Robust => {}
+            }
+            self.write::<P, EXTRA>(job, first, &front.places[rank].at[first..first + count], stripe);
+        }
+    }
+
+    /// Moves the places whose stripe lies too far beside; true where one moved.
+    #[inline(always)]
+    fn recentre(&self, at: &mut [u32], length: usize) -> bool {
+        let far = self.bank.recentre;
+        let mut any = false;
+        for shift in &self.estimates.shift[..at.len()] {
+            any |= shift.abs() > far;
+        }
+        let mut moved = false;
+        if any {
+            for (at, shift) in at.iter_mut().zip(&self.estimates.shift) {
+                if *at != NOWHERE && shift.abs() > far {
+                    let to = (*at as f32 + shift.round()).clamp(0.0, (length - 1) as f32) as u32;
+                    moved |= to != *at;
+                    *at = to;
+                }
+            }
+        }
+        moved
+    }
+
+    /// Writes a group's estimates with their verdicts.
+    #[inline(always)]
+    fn write<P: Pixel, const EXTRA: bool>(
+        &self,
+        job: Job<'_, P>,
+        first: usize,
+        at: &[u32],
+        stripe: &mut Stripe,
+    ) {
+        let (first_line, first_pixel, length) = job.origin();
+        let count = at.len();
+        let e = &self.estimates;
+        let width = self.bank.width;
+        let out = first_line + first..first_line + first + count;
+        let (low, high) = (width - 0.5, (length as f32 - 0.5) - width);
+        let full = self.model.noise.full_scale_dn;
+        let position = &mut stripe.position_px[out.clone()];
+        let (mut ordinary, mut lacking) = (true, false);
+        for ((position, at), l) in position.iter_mut().zip(at).zip(0..GROUP) {
+            let local = *at as f32 + e.shift[l];
+            *position = local + first_pixel as f32;
+            // NaN is no success.
+            ordinary &= (e.excess[l] >= 0.0)
+                & (e.sigma[l] <= self.model.max_sigma_px)
+                & (local >= 3.0 * low)
+                & (local <= high - 2.0 * width)
+                & (e.top[l] < full)
+                & (*at != NOWHERE);
+        }
+        stripe.sigma_px[out.clone()].copy_from_slice(&e.sigma[..count]);
+        stripe.amplitude[out.clone()].copy_from_slice(&e.amplitude[..count]);
+        stripe.background[out.clone()].copy_from_slice(&e.background[..count]);
+        stripe.width_px[out.clone()].fill(width);
+        stripe.reject[out.clone()].fill(None);
+        stripe.flags[out.clone()].fill(Flags::NONE);
+        stripe.rival_ratio[out.clone()].fill(if EXTRA { 0.0 } else { f32::NAN });
+        if !EXTRA {
+            stripe.chi2[out.clone()].fill(f32::NAN);
+        } else {
+            for (chi2, l) in stripe.chi2[out.clone()].iter_mut().zip(0..GROUP) {
+                let widening = e.ln_width[l] / e.sigma_ln_width[l];
+                *chi2 = 0.5 * (e.slope[l] * e.slope[l] + widening * widening);
+                let leans = e.lean[l].abs() > LEAN_SIGMAS * e.sigma[l];
+                let wider = e.ln_width[l].abs() > WIDENING;
+                lacking |= (*chi2 > LOPSIDED) & (leans | wider);
+            }
+        }
+        if lacking {
+            for (l, line) in out.clone().enumerate() {
+                let leans = e.lean[l].abs() > LEAN_SIGMAS * e.sigma[l];
+                if stripe.chi2[line] > LOPSIDED && (leans || e.ln_width[l].abs() > WIDENING) {
+                    stripe.flags[line] |= Flags::EDGE;
+                }
+            }
+        }
+        if ordinary {
+            return;
+        }
+        for (l, (line, &at)) in out.zip(at).enumerate() {
+            if at == NOWHERE {
+                for array in [
+                    &mut stripe.sigma_px,
+                    &mut stripe.amplitude,
+                    &mut stripe.width_px,
+                    &mut stripe.background,
+                    &mut stripe.chi2,
+                    &mut stripe.rival_ratio,
+                ] {
+                    array[line] = f32::NAN;
+                }
+                stripe.drop_line(line, Reject::NoSignal);
+                continue;
+            }
+            let local = at as f32 + e.shift[l];
+            if e.top[l] >= full {
+                stripe.flags[line] |= Flags::SATURATED;
+            }
+            if local < 3.0 * low || local > high - 2.0 * width {
+                stripe.flags[line] |= Flags::BORDER;
+            }
+            let reason = if e.excess[l].is_nan() || e.excess[l] < 0.0 {
+                Reject::BelowThreshold
+            } else if !(low..=high).contains(&local) {
+                Reject::AtBorder
+            } else if e.sigma[l].is_nan() || e.sigma[l] > self.model.max_sigma_px {
+                Reject::Imprecise
+            } else {
+                continue;
+            };
+            stripe.drop_line(line, reason);
+        }
+    }
+}

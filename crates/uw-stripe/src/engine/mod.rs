@@ -1,0 +1,169 @@
+//! The fast part of the extraction: vector kernels over the image as it lies in memory, without a copy of it.
+//!
+//! | step | module |
+//! |---|---|
+//! | candidates: block maxima, what stands out of them | `front` |
+//! | windows around them, one register an offset of many lines | `window` |
+//! | shift, height, background, sigma: matched filters | `fir` |
+//! | centre of gravity, Blais and Rioux: for comparison | `classic` |
+//! | estimates to results, with verdicts | `measure` |
+//! | two candidates a line, neighbours, what the filters cannot do | `robust` |
+//! | only around the last image's positions | `gate` |
+//!
+//! Every step works on vectors of a fixed number of pixels and in IEEE operations of a fixed order, so that all processors give the same
+//! bits; [`Level`] chooses the instructions at run time.
+
+pub(crate) mod classic;
+pub(crate) mod fir;
+mod front;
+mod gate;
+pub(crate) mod lanes;
+mod measure;
+mod robust;
+#[cfg(test)]
+mod tests;
+mod window;
+
+use fearless_simd::{Level, dispatch};
+
+use crate::profile::Stripe;
+use crate::{Axis, NoiseModel, Pixel, Roi, View};
+use fir::{Bank, Estimates};
+use front::{Front, Wanted};
+use gate::Gate;
+pub use gate::Tracking;
+use robust::Second;
+use window::Windows;
+
+/// What the kernels must know of stripe and camera, and what decides.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Model {
+    pub noise: NoiseModel,
+    /// Standard deviation of the cross section, px.
+    pub width_px: f32,
+    pub min_snr: f32,
+    pub max_sigma_px: f32,
+    pub max_width_px: f32,
+}
+
+/// Which estimate is made at the candidates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Fast,
+    Robust,
+    Cog,
+    BlaisRioux,
+}
+
+/// Buffers of one pixel type.
+#[derive(Debug, Default)]
+pub struct Buffers<P> {
+    front: Front<P>,
+    windows: Windows<P>,
+}
+
+/// Buffers of both pixel types.
+#[derive(Debug, Default)]
+pub struct AllBuffers {
+    pub(crate) bytes: Buffers<u8>,
+    pub(crate) words: Buffers<u16>,
+}
+
+/// The kernels with their filters and buffers.
+#[derive(Debug)]
+pub(crate) struct Engine {
+    level: Level,
+    bank: Bank,
+    model: Model,
+    estimates: Estimates,
+    second: Second,
+    gate: Gate,
+}
+
+/// One image and what to look for in it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Job<'a, P> {
+    pub image: View<'a, P>,
+    pub roi: Roi,
+    pub axis: Axis,
+    pub kind: Kind,
+}
+
+impl<P: Pixel> Job<'_, P> {
+    /// First line and first pixel of the region, and the lines' length.
+    fn origin(&self) -> (usize, usize, usize) {
+        match self.axis {
+            Axis::PerRow => (self.roi.y, self.roi.x, self.roi.width),
+            Axis::PerColumn => (self.roi.x, self.roi.y, self.roi.height),
+        }
+    }
+
+    /// Lines in the region.
+    fn lines(&self) -> usize {
+        self.axis.lines(self.roi.width, self.roi.height)
+    }
+}
+
+impl Engine {
+    /// Kernels for a stripe and camera, in the instructions of `level`.
+    pub fn new(level: Level, model: Model) -> Self {
+        Self {
+            level,
+            bank: Bank::new(model.width_px, model.noise, model.min_snr),
+            model,
+            estimates: Estimates::default(),
+            second: Second::default(),
+            gate: Gate::default(),
+        }
+    }
+
+    /// What the kernels were made for.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Fills `stripe` with one entry a line.
+    pub fn extract<P: Pixel>(
+        &mut self,
+        job: Job<'_, P>,
+        tracking: Option<Tracking>,
+        buffers: &mut Buffers<P>,
+        stripe: &mut Stripe,
+    ) {
+        let total = job.axis.lines(job.image.width(), job.image.height());
+        // Every entry of the region is written: only what lies outside needs clearing.
+        if stripe.len() != total || stripe.axis != job.axis || job.lines() != total {
+            stripe.reset(job.axis, total);
+        }
+        stripe.noise = self.model.noise;
+        stripe.scatter_widths = 0.0;
+        match tracking {
+            Some(tracking) => self.tracked(job, tracking, buffers, stripe),
+            None => self.region(job, buffers, stripe),
+        }
+        if job.kind == Kind::Robust {
+            self.company(job, stripe);
+        }
+    }
+
+    /// One region, by the kind of estimate asked for.
+    #[inline(never)]
+    fn region<P: Pixel>(&mut self, job: Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
+        let level = self.level;
+        let second_dn = (job.kind == Kind::Robust).then(|| self.least_second());
+        let wanted = Wanted { axis: job.axis, width_px: self.model.width_px, second_dn };
+        dispatch!(level, simd => buffers.front.search(simd, &job.image, job.roi, wanted));
+        if job.kind == Kind::Robust {
+            self.robust(job, buffers, stripe);
+        } else {
+            dispatch!(level, simd => self.measure::<_, P, false>(simd, job, buffers, 0, stripe));
+        }
+    }
+}
+
+/// The largest grey value of an image: nothing but a read, in the instructions of the processor at hand; what the kernels' speed is
+/// compared with.
+pub fn brightest<P: Pixel>(image: &View<'_, P>) -> f32 {
+    let level = Level::new();
+    dispatch!(level, simd => front::read(simd, image, image.bounds())).dn()
+}

@@ -1,0 +1,327 @@
+//! Two candidates a line, the neighbours' say in which is taken, and likelihood where the filters' model does not hold.
+
+use fearless_simd::dispatch;
+
+use super::front::NOWHERE;
+use super::{Buffers, Engine, Job};
+use crate::lines::{Clip, Line};
+use crate::mle::{self, Fit, Start, WidthPrior};
+use crate::peak::{Candidate, Candidates};
+use crate::precise::WINDOW;
+use crate::profile::{Flags, Reject, Stripe};
+use crate::track::{Tracker, keep_runs};
+use crate::{Axis, Pixel};
+
+/// Height of a second candidate that is worth measuring, in sigmas of the dark: what the largest of many pixels seldom reaches by noise.
+const SECOND_SIGMAS: f32 = 5.5;
+/// Share of the taken peak's height from which another counts as a rival.
+const RIVAL_SHARE: f32 = 0.15;
+/// Prior sigma of ln width in the refinement: weak.
+const WIDTH_SIGMA: f64 = 0.35;
+/// Degrees of freedom with which chi-square = 1 is believed before any pixel is seen.
+const CHI2_PRIOR_FREEDOM: f64 = 6.0;
+/// Reduced chi-square beyond which a fit is flagged as poor.
+const POOR_CHI2: f64 = 4.0;
+/// Skewness, in sigmas and absolute, beyond which a profile counts as lopsided.
+const SKEW: (f64, f64) = (4.0, 0.25);
+/// Lines that must agree with each other, and the longest step between neighbours: pixels plus widths.
+const LEAST_RUN: usize = 3;
+const RUN_STEP: (f32, f32) = (3.0, 2.0);
+
+/// Buffers for second candidates and refinement.
+#[derive(Debug)]
+pub(super) struct Second {
+    stripe: Stripe,
+    candidates: Vec<Candidates>,
+    tracker: Tracker,
+    choice: Vec<Option<usize>>,
+    keep: Vec<bool>,
+    value: Vec<f32>,
+    clip: Vec<Clip>,
+    fits: Vec<Option<Fit>>,
+    shapes: Vec<Option<mle::surroundings::Shape>>,
+}
+
+impl Default for Second {
+    fn default() -> Self {
+        Self {
+            stripe: Stripe::empty(),
+            candidates: Vec::new(),
+            tracker: Tracker::default(),
+            choice: Vec::new(),
+            keep: Vec::new(),
+            value: Vec::new(),
+            clip: Vec::new(),
+            fits: Vec::new(),
+            shapes: Vec::new(),
+        }
+    }
+}
+
+impl Engine {
+    /// Least height of a second candidate, DN.
+    pub(super) fn least_second(&self) -> f32 {
+        SECOND_SIGMAS * (self.model.noise.variance(0.0, 0.0) as f32).sqrt()
+    }
+
+    /// Measures both candidates of each line, takes the ones that make a stripe and refines what needs it.
+    pub(super) fn robust<P: Pixel>(
+        &mut self,
+        job: Job<'_, P>,
+        buffers: &mut Buffers<P>,
+        stripe: &mut Stripe,
+    ) {
+        self.extended(job, buffers, 0, stripe);
+        if buffers.front.places[1].at.iter().any(|a| *a != NOWHERE) {
+            let mut second = std::mem::replace(&mut self.second.stripe, Stripe::empty());
+            second.reset(job.axis, stripe.len());
+            self.extended(job, buffers, 1, &mut second);
+            self.arbitrate(job, stripe, &mut second);
+            self.second.stripe = second;
+        }
+        let (first_line, _, _) = job.origin();
+        let lines = first_line..first_line + job.lines();
+        let needs = |s: &Stripe, line: usize| {
+            s.flags[line].contains(Flags::SATURATED)
+                || (s.flags[line].contains(Flags::EDGE) && s.reject[line].is_none())
+        };
+        if !lines.clone().any(|line| needs(stripe, line)) {
+            return;
+        }
+        let (mut fits, mut shapes) =
+            (std::mem::take(&mut self.second.fits), std::mem::take(&mut self.second.shapes));
+        fits.clear();
+        fits.extend(
+            lines.clone().map(|line| if needs(stripe, line) { self.refine(job, line, stripe) } else { None }),
+        );
+        mle::surroundings::share(&mut fits, &mut shapes);
+        for (line, fit) in lines.zip(&fits) {
+            match fit {
+                Some(fit) => self.replace(job, line, fit, stripe),
+                None if stripe.flags[line].contains(Flags::SATURATED) && stripe.reject[line].is_none() => {
+                    stripe.drop_line(line, Reject::NotConverged);
+                }
+                None => {}
+            }
+        }
+        (self.second.fits, self.second.shapes) = (fits, shapes);
+    }
+
+    #[inline(never)]
+    fn extended<P: Pixel>(
+        &mut self,
+        job: Job<'_, P>,
+        buffers: &mut Buffers<P>,
+        rank: usize,
+        stripe: &mut Stripe,
+    ) {
+        let level = self.level;
+        dispatch!(level, simd => self.measure::<_, P, true>(simd, job, buffers, rank, stripe));
+    }
+
+    /// Takes the second candidate where it continues the neighbours' stripe and the first does not.
+    #[inline(never)]
+    fn arbitrate<P: Pixel>(&mut self, job: Job<'_, P>, stripe: &mut Stripe, second: &mut Stripe) {
+        let (first_line, _, _) = job.origin();
+        let lines = first_line..first_line + job.lines();
+        let scale = (2.5 * self.model.width_px).round().max(1.0) as usize;
+        let buffers = &mut self.second;
+        buffers.candidates.clear();
+        let mut rivals = false;
+        for line in lines.clone() {
+            let mut found = Candidates::default();
+            let apart =
+                (stripe.position_px[line] - second.position_px[line]).abs() > 4.0 * self.model.width_px;
+            let strong = |s: &Stripe| s.reject[line].is_none() || s.flags[line].contains(Flags::SATURATED);
+            let rival = strong(second)
+                && (!strong(stripe)
+                    || apart && second.amplitude[line] > RIVAL_SHARE * stripe.amplitude[line]);
+            rivals |= rival;
+            for (s, used) in [(&*stripe, strong(stripe)), (&*second, rival)] {
+                if used && s.position_px[line] >= 0.0 {
+                    found.push(Candidate {
+                        centre: s.position_px[line].round() as usize,
+                        scale,
+                        snr: s.amplitude[line] / s.sigma_px[line],
+                        flux: s.amplitude[line],
+                        background: s.background[line],
+                    });
+                }
+            }
+            buffers.candidates.push(found);
+        }
+        if !rivals {
+            return;
+        }
+        buffers.tracker.choose(&buffers.candidates, &mut buffers.choice);
+        for ((line, found), choice) in lines.zip(&buffers.candidates).zip(&buffers.choice) {
+            let Some(taken) = choice.and_then(|k| found.as_slice().get(k)) else { continue };
+            let is_second = |position: f32| position.round() as usize == taken.centre;
+            if !is_second(stripe.position_px[line]) && is_second(second.position_px[line]) {
+                swap_line(stripe, second, line);
+            }
+            if found.as_slice().len() > 1 {
+                stripe.flags[line] |= Flags::SEVERAL_PEAKS;
+                stripe.rival_ratio[line] = second.amplitude[line] / stripe.amplitude[line];
+            }
+        }
+    }
+
+    /// Pixels on either side of the widest window that a fit may come to.
+    fn reach(&self) -> i64 {
+        (WINDOW.0 * f64::from(self.model.max_width_px) + WINDOW.1).ceil() as i64 + 4
+    }
+
+    /// First pixel that is copied for the refinement of a stripe at `centre`.
+    fn start(&self, centre: f64, length: usize) -> usize {
+        (centre.round() as i64 - self.reach()).clamp(0, length as i64) as usize
+    }
+
+    /// Maximum likelihood on one line, started at what the filters found; positions count from [`Self::start`].
+    fn refine<P: Pixel>(&mut self, job: Job<'_, P>, line: usize, stripe: &Stripe) -> Option<Fit> {
+        let (first_line, first_pixel, length) = job.origin();
+        let model = self.model;
+        let centre = f64::from(stripe.position_px[line]) - first_pixel as f64;
+        let amplitude = f64::from(stripe.amplitude[line]);
+        if !centre.is_finite() || amplitude.is_nan() || amplitude <= 0.0 {
+            return None;
+        }
+        let reach = self.reach();
+        let from = self.start(centre, length);
+        let to = (centre.round() as i64 + reach + 1).clamp(0, length as i64) as usize;
+        let Second { value, clip, .. } = &mut self.second;
+        value.clear();
+        clip.clear();
+        let image = &job.image;
+        let offset = line - first_line;
+        for i in from..to {
+            let v = match job.axis {
+                Axis::PerRow => image.row(job.roi.y + offset)[job.roi.x + i],
+                Axis::PerColumn => image.row(job.roi.y + i)[job.roi.x + offset],
+            }
+            .dn();
+            value.push(v);
+            clip.push(Clip::of(v, model.noise.full_scale_dn));
+        }
+        let local = Line::plain(value, clip);
+        let width = f64::from(model.width_px);
+        let prior = WidthPrior { ln_width: width.ln(), sigma: WIDTH_SIGMA };
+        let start = (centre - from as f64, width, amplitude, f64::from(stripe.background[line]));
+        settle(local, &model.noise, start, prior)
+    }
+
+    /// Writes a refined line, with the verdict on it.
+    fn replace<P: Pixel>(&self, job: Job<'_, P>, line: usize, fit: &Fit, stripe: &mut Stripe) {
+        let (_, first_pixel, length) = job.origin();
+        let scale = (CHI2_PRIOR_FREEDOM + fit.chi2) / (CHI2_PRIOR_FREEDOM + fit.freedom);
+        let sigma = fit.sigma * scale.sqrt();
+        let filtered = f64::from(stripe.position_px[line]) - first_pixel as f64;
+        let local = fit.centre + self.start(filtered, length) as f64;
+        let position = local + first_pixel as f64;
+        // What the filters lacked is in the fit, or was clipped.
+        let mut flags = stripe.flags[line].without(Flags::EDGE);
+        let mut set = |flag, on| flags |= if on { flag } else { Flags::NONE };
+        set(Flags::SATURATED, fit.saturated > 0);
+        set(Flags::NOT_CONVERGED, !fit.converged);
+        set(Flags::POOR_FIT, fit.chi2 > POOR_CHI2 * fit.freedom.max(1.0));
+        set(Flags::EDGE, fit.skew_snr.abs() > SKEW.0 * scale.sqrt() && fit.skew.abs() > SKEW.1);
+        stripe.flags[line] = flags;
+        stripe.position_px[line] = position as f32;
+        stripe.sigma_px[line] = sigma as f32;
+        stripe.amplitude[line] = (fit.flux / (fit.width * (2.0 * std::f64::consts::PI).sqrt())) as f32;
+        stripe.width_px[line] = fit.width as f32;
+        stripe.background[line] = fit.background as f32;
+        stripe.chi2[line] = (fit.chi2 / fit.freedom.max(1.0)) as f32;
+        let pixel = self.model.noise.variance(fit.background.max(0.0), 0.0);
+        let snr = fit.flux / (pixel * 2.0 * std::f64::consts::PI.sqrt() * fit.width).sqrt();
+        stripe.reject[line] = None;
+        let clipped = fit.saturated > 0;
+        let reason = if snr.is_nan() || snr < f64::from(self.model.min_snr) {
+            Some(if clipped { Reject::Saturated } else { Reject::BelowThreshold })
+        } else if fit.width > f64::from(self.model.max_width_px) {
+            Some(Reject::TooWide)
+        } else if local - fit.width < -0.5 || local + fit.width > length as f64 - 0.5 {
+            Some(Reject::AtBorder)
+        } else if sigma.is_nan() || sigma > f64::from(self.model.max_sigma_px) {
+            Some(if clipped { Reject::Saturated } else { Reject::Imprecise })
+        } else {
+            None
+        };
+        if let Some(reason) = reason {
+            stripe.drop_line(line, reason);
+        }
+    }
+
+    /// Takes out what no neighbours agree with.
+    pub(super) fn company<P: Pixel>(&mut self, job: Job<'_, P>, stripe: &mut Stripe) {
+        let (first_line, _, _) = job.origin();
+        let lines = first_line..first_line + job.lines();
+        let reach = RUN_STEP.0 + RUN_STEP.1 * self.model.width_px;
+        // Nearly always one run from end to end: then there is nothing to keep book of.
+        let position = &stripe.position_px[lines.clone()];
+        let mut smooth = position.len() >= LEAST_RUN;
+        for pair in position.windows(2) {
+            smooth &= (pair[1] - pair[0]).abs() <= reach;
+        }
+        if smooth {
+            return;
+        }
+        let width = &stripe.width_px[lines.clone()];
+        let reach = |i: usize| RUN_STEP.0 + RUN_STEP.1 * width[i].max(0.0);
+        let least = LEAST_RUN.min(lines.len());
+        keep_runs(position, reach, |_| true, least, &mut self.second.keep);
+        for (line, keep) in lines.zip(&self.second.keep) {
+            if !keep && stripe.reject[line].is_none() {
+                stripe.drop_line(line, Reject::Inconsistent);
+            }
+        }
+    }
+}
+
+/// The fit whose window suits the width that it finds. `start`: centre, width, height, background.
+fn settle(
+    line: Line<'_>,
+    noise: &crate::NoiseModel,
+    start: (f64, f64, f64, f64),
+    prior: WidthPrior,
+) -> Option<Fit> {
+    /// Fits, each with the window of the one before.
+    const ROUNDS: usize = 3;
+    /// Ratio of window wanted to window used within which the fit stands.
+    const WINDOW_FITS: std::ops::Range<f64> = 0.75..1.34;
+    let (mut centre, mut width, height, mut background) = start;
+    let mut flux = height * width * (2.0 * std::f64::consts::PI).sqrt();
+    let mut best = None;
+    for _ in 0..ROUNDS {
+        let half = WINDOW.0 * width + WINDOW.1;
+        let from = (centre - half).ceil().max(0.0) as usize;
+        let to = ((centre + half).floor().max(-1.0) + 1.0) as usize;
+        let start = Start { centre, width, flux, background, from, to: to.min(line.value.len()) };
+        let Some(fit) = mle::fit(line, noise, start, Some(prior), None) else { break };
+        best = Some(fit);
+        let wanted = WINDOW.0 * fit.width + WINDOW.1;
+        if WINDOW_FITS.contains(&(wanted / half)) || (fit.centre - centre).abs() > half {
+            break;
+        }
+        (centre, width, flux, background) = (fit.centre, fit.width, fit.flux, fit.background);
+    }
+    // A fit that left its window found something else.
+    best.filter(|f| (f.centre - start.0).abs() <= WINDOW.0 * f.width + WINDOW.1)
+}
+
+/// Exchanges one line of two results.
+fn swap_line(a: &mut Stripe, b: &mut Stripe, line: usize) {
+    for (a, b) in [
+        (&mut a.position_px, &mut b.position_px),
+        (&mut a.sigma_px, &mut b.sigma_px),
+        (&mut a.amplitude, &mut b.amplitude),
+        (&mut a.width_px, &mut b.width_px),
+        (&mut a.background, &mut b.background),
+        (&mut a.chi2, &mut b.chi2),
+        (&mut a.rival_ratio, &mut b.rival_ratio),
+    ] {
+        std::mem::swap(&mut a[line], &mut b[line]);
+    }
+    std::mem::swap(&mut a.flags[line], &mut b.flags[line]);
+    std::mem::swap(&mut a.reject[line], &mut b.reject[line]);
+}

@@ -1,0 +1,104 @@
+//! What to extract and how to judge it.
+
+use crate::engine::Tracking;
+use crate::{Axis, NoiseModel, Roi, StripeError};
+
+/// How the centre of the stripe is estimated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+#[non_exhaustive]
+pub enum Method {
+    /// The strongest candidate of each line, through filters matched to width and noise. For kHz cameras and weak computers: no second
+    /// candidate, no chi-square, saturation flagged and not corrected.
+    Fast,
+    /// Two candidates a line and the neighbours' say in which is taken, the same filters, a sloping background taken out; lines that are
+    /// saturated, lopsided or of another width are refined as by `Precise`.
+    Robust,
+    /// Maximum likelihood of every line with linear background and free width, pixels at full scale as bounds, widths and noise from the
+    /// image itself.
+    #[default]
+    Precise,
+    /// Steger's ridge detector at the candidates of `Robust`, which pools along the stripe: for curved and steep ones.
+    Ridge,
+    /// Centre of gravity of the strongest candidate, for comparison.
+    Cog,
+    /// Zero crossing of Blais and Rioux's filter at the strongest candidate, for comparison.
+    BlaisRioux,
+}
+
+/// What to extract and how to judge it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// How the centre is estimated.
+    pub method: Method,
+    /// Direction of the lines.
+    pub axis: Axis,
+    /// Region looked at; `None`: the whole image.
+    pub roi: Option<Roi>,
+    /// The camera's noise; `None`: estimated, by [`Method::Precise`] from each image, by the others as [`width_px`](Self::width_px).
+    pub noise: Option<NoiseModel>,
+    /// Standard deviation of the stripe's cross section, px; `None`: estimated, by [`Method::Precise`] from each image, by the others from
+    /// the first image that shows enough of a stripe, and again after [`Extractor::forget`](crate::Extractor::forget).
+    pub width_px: Option<f32>,
+    /// Looks only around the last image's positions; `None`: at all pixels of every image. Not with [`Method::Precise`].
+    pub track: Option<Tracking>,
+    /// Pools positions along the stripe, under a Gaussian of this standard deviation in lines, against speckle and at the price of
+    /// resolution; `None`: each line for itself.
+    pub pool_lines: Option<f32>,
+    /// Clipping value where `noise` is not given, DN; `None`: the least 2ⁿ − 1 that the image does not exceed.
+    pub full_scale_dn: Option<f32>,
+    /// Least ratio of the fitted flux to its sigma.
+    pub min_snr: f32,
+    /// Largest standard deviation of the cross section, px.
+    pub max_width_px: f32,
+    /// Largest predicted sigma of the position, px.
+    pub max_sigma_px: f32,
+    /// Take measurements flagged [`Flags::EDGE`] out, as a calibration board's squares want it.
+    pub reject_edges: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            method: Method::default(),
+            axis: Axis::PerRow,
+            roi: None,
+            noise: None,
+            width_px: None,
+            track: None,
+            pool_lines: None,
+            full_scale_dn: None,
+            min_snr: 5.0,
+            max_width_px: 8.0,
+            max_sigma_px: 1.0,
+            reject_edges: false,
+        }
+    }
+}
+
+impl Options {
+    pub(crate) fn check(&self) -> Result<(), StripeError> {
+        let positive = |name, got: f32| {
+            if got.is_finite() && got > 0.0 {
+                Ok(())
+            } else {
+                Err(StripeError::InvalidOption { name, needed: "finite and positive", got: f64::from(got) })
+            }
+        };
+        positive("min_snr", self.min_snr)?;
+        positive("max_width_px", self.max_width_px)?;
+        positive("max_sigma_px", self.max_sigma_px)?;
+        if let Some(width) = self.width_px {
+            positive("width_px", width)?;
+        }
+        if let Some(lines) = self.pool_lines {
+            positive("pool_lines", lines)?;
+        }
+        if let Some(track) = self.track {
+            positive("full_every", track.full_every as f32)?;
+        }
+        if let Some(full_scale) = self.full_scale_dn {
+            positive("full_scale_dn", full_scale)?;
+        }
+        self.noise.map_or(Ok(()), |n| n.checked().map(|_| ()))
+    }
+}
