@@ -29,6 +29,10 @@ bench *FILTER:
 monte-carlo TRIALS="200":
     UWSCAN_TRIALS={{TRIALS}} cargo test --locked --package uw-calib --test joint accuracy -- --nocapture
 
+# Stripe methods by the speed of a pure read, image by image in turn
+stripe-ratios:
+    cargo bench --locked --bench stripes -- --ratios
+
 # Every stripe method's errors by the Cramér–Rao bound, on scenes of known truth
 stripe-accuracy SEEDS="4" *SCENES:
     cargo run --release --locked --package uw-stripe --example accuracy -- {{SEEDS}} {{SCENES}}
