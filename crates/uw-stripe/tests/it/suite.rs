@@ -1,7 +1,7 @@
 //! The suite of scenes that every method is judged on, and the verdict: errors by the bound, bias, found, wrong, honesty of sigma.
 
 use crate::optics::{Camera, Field, Optics};
-use uw_stripe::{Axis, Extractor, NoiseModel, Options, Stripe, View};
+use uw_stripe::{Axis, Extractor, Method, NoiseModel, Options, Stripe, View};
 
 /// An error beyond this is a wrong peak, not an inaccurate one, px.
 pub const WRONG_PX: f64 = 3.0;
@@ -149,13 +149,18 @@ pub struct Contender {
 }
 
 /// The methods of this crate.
-pub const CONTENDERS: [Contender; 2] = [
-    Contender {
-        name: "precise",
-        options: |camera| Options { noise: Some(photon_transfer(camera)), ..Options::default() },
-    },
+pub const CONTENDERS: [Contender; 5] = [
+    Contender { name: "fast", options: |camera| given(camera, Method::Fast) },
+    Contender { name: "robust", options: |camera| given(camera, Method::Robust) },
+    Contender { name: "ridge", options: |camera| given(camera, Method::Ridge) },
+    Contender { name: "precise", options: |camera| given(camera, Method::Precise) },
     Contender { name: "precise, noise from the image", options: |_| Options::default() },
 ];
+
+/// Settings of `method` with the camera's noise given.
+fn given(camera: &Camera, method: Method) -> Options {
+    Options { method, noise: Some(photon_transfer(camera)), ..Options::default() }
+}
 
 /// The noise model that dark and flat frames would show.
 fn photon_transfer(camera: &Camera) -> NoiseModel {
