@@ -9,7 +9,7 @@ use std::ops::Range;
 use fearless_simd::{Select, Simd, SimdBase, SimdMask};
 
 use super::lanes::MOST_LANES;
-use crate::{Axis, Pixel, Roi, View};
+use crate::{Axis, NoiseModel, Pixel, Roi, View};
 
 /// Rows of which the maximum is formed at a time.
 const ROWS: usize = 16;
@@ -17,6 +17,8 @@ const ROWS: usize = 16;
 const STRIP: usize = 8;
 /// Most blocks, so that a byte can number them.
 const MOST_BLOCKS: usize = 254;
+/// Height of a second candidate that is worth measuring, in sigmas: what the largest of many pixels seldom reaches by noise.
+const SECOND_SIGMAS: f64 = 5.5;
 /// Place of a line without a candidate.
 pub(crate) const NOWHERE: u32 = u32::MAX;
 
@@ -50,8 +52,8 @@ pub(crate) struct Wanted {
     pub axis: Axis,
     /// Standard deviation of the stripe's cross section, px.
     pub width_px: f32,
-    /// Least height of a second candidate, DN; `None`: no second one.
-    pub second_dn: Option<f32>,
+    /// Noise that a second candidate must stand out of; `None`: no second one.
+    pub second: Option<NoiseModel>,
 }
 
 /// Region and size of its blocks.
@@ -92,21 +94,33 @@ impl<P: Pixel> Front<P> {
                 maxima(simd, image, roi, blocks.range(block), map);
             }
         }
+        let second_dn = wanted.second.map(|noise| self.least_second(&noise));
         let lines = wanted.axis.lines(roi.width, roi.height);
         self.places.iter_mut().for_each(|p| p.reset(lines));
         match wanted.axis {
-            Axis::PerColumn if roi.width < P::N => self.few_columns(image, blocks, wanted),
+            Axis::PerColumn if roi.width < P::N => self.few_columns(image, blocks, (wanted, second_dn)),
             Axis::PerColumn => {
                 for x in (0..roi.width).step_by(P::N) {
-                    self.columns(simd, image, blocks, wanted, x.min(roi.width - P::N));
+                    self.columns(simd, image, blocks, (wanted, second_dn), x.min(roi.width - P::N));
                 }
             }
             Axis::PerRow => {
                 for block in 0..blocks.count {
-                    self.rows(simd, image, blocks, wanted, block);
+                    self.rows(simd, image, blocks, (wanted, second_dn), block);
                 }
             }
         }
+    }
+
+    /// Least height of a second candidate, DN, by the noise at the image's usual level.
+    fn least_second(&self, noise: &NoiseModel) -> f32 {
+        const SAMPLES: usize = 63;
+        let mut sample = [P::ZERO; SAMPLES];
+        for (k, out) in sample.iter_mut().enumerate() {
+            *out = self.map[(2 * k + 1) * self.map.len() / (2 * SAMPLES)];
+        }
+        let (_, usual, _) = sample.select_nth_unstable(SAMPLES / 2);
+        (SECOND_SIGMAS * noise.variance(f64::from(usual.dn()), 0.0).sqrt()) as f32
     }
 
     /// Blocks to either side in which a stripe of the block between does not show.
@@ -123,7 +137,14 @@ impl<P: Pixel> Front<P> {
     }
 
     #[inline(always)]
-    fn columns<S: Simd>(&mut self, simd: S, image: &View<'_, P>, blocks: Blocks, wanted: Wanted, x: usize) {
+    fn columns<S: Simd>(
+        &mut self,
+        simd: S,
+        image: &View<'_, P>,
+        blocks: Blocks,
+        (wanted, second_dn): (Wanted, Option<f32>),
+        x: usize,
+    ) {
         let (width, count) = (blocks.roi.width, blocks.count);
         let reach = Self::reach(wanted, blocks);
         let splat = |v: P| P::V::<S>::splat(simd, v);
@@ -141,7 +162,7 @@ impl<P: Pixel> Front<P> {
             let contrast = here - here.min(around);
             let number = splat(P::from_index(block as u8));
             let first = contrast.simd_gt(height[0]);
-            if wanted.second_dn.is_some() {
+            if second_dn.is_some() {
                 let beside = place[0].simd_eq(splat(P::from_index(block.saturating_sub(1) as u8)));
                 // The strongest so far becomes the second, unless the new one is its other part.
                 let pushed = first & !beside;
@@ -153,7 +174,7 @@ impl<P: Pixel> Front<P> {
             place[0] = first.select(number, place[0]);
         }
         self.locate(simd, image, blocks, x, 0, place[0]);
-        if wanted.second_dn.is_some_and(|least| height[1].simd_gt(splat(P::from_dn(least))).any_true()) {
+        if second_dn.is_some_and(|least| height[1].simd_gt(splat(P::from_dn(least))).any_true()) {
             self.locate(simd, image, blocks, x, 1, place[1]);
         }
     }
@@ -213,7 +234,12 @@ impl<P: Pixel> Front<P> {
     }
 
     /// The same for regions narrower than a vector.
-    fn few_columns(&mut self, image: &View<'_, P>, blocks: Blocks, wanted: Wanted) {
+    fn few_columns(
+        &mut self,
+        image: &View<'_, P>,
+        blocks: Blocks,
+        (wanted, second_dn): (Wanted, Option<f32>),
+    ) {
         let Blocks { roi, count, .. } = blocks;
         let reach = Self::reach(wanted, blocks);
         for x in 0..roi.width {
@@ -235,7 +261,7 @@ impl<P: Pixel> Front<P> {
             }
             for (rank, (height, block)) in best.into_iter().enumerate() {
                 let Some(block) =
-                    block.filter(|_| rank == 0 || wanted.second_dn.is_some_and(|d| height > P::from_dn(d)))
+                    block.filter(|_| rank == 0 || second_dn.is_some_and(|d| height > P::from_dn(d)))
                 else {
                     continue;
                 };
@@ -248,7 +274,14 @@ impl<P: Pixel> Front<P> {
 
     /// The candidates of a block's rows: the places that stand out of the block's maxima, then each row's maximum around them.
     #[inline(always)]
-    fn rows<S: Simd>(&mut self, simd: S, image: &View<'_, P>, blocks: Blocks, wanted: Wanted, block: usize) {
+    fn rows<S: Simd>(
+        &mut self,
+        simd: S,
+        image: &View<'_, P>,
+        blocks: Blocks,
+        (wanted, second_dn): (Wanted, Option<f32>),
+        block: usize,
+    ) {
         /// Pixels added on either side, and on which steep stripes count as one: 16 rows at slope 3.
         const MARGIN: usize = 4;
         const STEEP: usize = 24;
@@ -280,7 +313,7 @@ impl<P: Pixel> Front<P> {
         }
         for rank in 0..2 {
             let top = brightest(simd, &self.contrast);
-            let enough = rank == 0 || wanted.second_dn.is_some_and(|d| top > P::from_dn(d));
+            let enough = rank == 0 || second_dn.is_some_and(|d| top > P::from_dn(d));
             if top == P::ZERO || !enough {
                 return;
             }

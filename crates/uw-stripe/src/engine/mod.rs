@@ -150,8 +150,8 @@ impl Engine {
     #[inline(never)]
     fn region<P: Pixel>(&mut self, job: Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
         let level = self.level;
-        let second_dn = (job.kind == Kind::Robust).then(|| self.least_second());
-        let wanted = Wanted { axis: job.axis, width_px: self.model.width_px, second_dn };
+        let second = (job.kind == Kind::Robust).then_some(self.model.noise);
+        let wanted = Wanted { axis: job.axis, width_px: self.model.width_px, second };
         dispatch!(level, simd => buffers.front.search(simd, &job.image, job.roi, wanted));
         if job.kind == Kind::Robust {
             self.robust(job, buffers, stripe);

@@ -12,8 +12,6 @@ use crate::profile::{Flags, Reject, Stripe};
 use crate::track::{Tracker, keep_runs};
 use crate::{Axis, Pixel};
 
-/// Height of a second candidate that is worth measuring, in sigmas of the dark: what the largest of many pixels seldom reaches by noise.
-const SECOND_SIGMAS: f32 = 5.5;
 /// Share of the taken peak's height from which another counts as a rival.
 const RIVAL_SHARE: f32 = 0.15;
 /// Prior sigma of ln width in the refinement: weak.
@@ -59,11 +57,6 @@ impl Default for Second {
 }
 
 impl Engine {
-    /// Least height of a second candidate, DN.
-    pub(super) fn least_second(&self) -> f32 {
-        SECOND_SIGMAS * (self.model.noise.variance(0.0, 0.0) as f32).sqrt()
-    }
-
     /// Measures both candidates of each line, takes the ones that make a stripe and refines what needs it.
     pub(super) fn robust<P: Pixel>(
         &mut self,
