@@ -6,14 +6,17 @@
 //! | boards | `boards` | laser-off images | corners | whether the declared board was seen | rejected image with a reason; [`crate::Error::BoardNotSeen`] |
 //! | stripes | `stripes` | laser-on images | centre, sigma | rows or columns, rejects by reason | a rejected measurement is counted |
 //! | calibrate | `calibrate` | captures, rig | [`uw_calib::Calibration`] | which measurements take part | [`uw_calib::CalibError`] says what to capture |
-//! | points | `reconstruct` | scan, calibration | [`uw_cloud::PointCloud`] | water's index, refraction model | points without an intersection are counted |
+//! | sweep | `sweep` | centres of all images | centres | what the sheet's thickness moves, what it spoils | a rejected measurement is counted |
+//! | points | `points` | centres, calibration | points with covariance | refraction model | points without an intersection are counted |
+//! | reconstruct | `reconstruct` | scan, calibration | [`uw_cloud::PointCloud`] | water's index, order of the stages | [`crate::Failure`] |
 
 mod boards;
 pub mod calibrate;
 mod load;
-mod outline;
+mod points;
 pub mod reconstruct;
 mod stripes;
+mod sweep;
 
 /// Told how far a long piece of work has come; called from several threads.
 pub trait Progress: Sync {

@@ -2,16 +2,16 @@
 
 use crate::pipeline::Progress;
 use crate::pipeline::load::{Reading, by_background};
-use crate::pipeline::outline::{self, Seen};
+use crate::pipeline::points::Tracer;
 use crate::pipeline::stripes::{Rejects, extract, extractor};
+use crate::pipeline::sweep::{self, Image, Seen, Verdicts};
 use crate::{Error, Failure, Notes};
-use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
 use std::path::Path;
 use std::time::{Duration, Instant};
-use uw_calib::{Across, Method};
+use uw_calib::Method;
 use uw_cloud::{CloudPoint, Frame, PointCloud};
-use uw_geom::{GeomError, Medium, Plane, Ray, Scanner, approx};
+use uw_geom::Medium;
 use uw_io::calibration_toml::CalibrationFile;
 use uw_io::{Capture, FrameRecord, GrayImage, Kind, Problem, Rig, SaidBy};
 
@@ -151,7 +151,7 @@ fn points(
     let across = calibration.calibration.across;
     let groups = by_background(&capture);
     progress.begin("frames", groups.iter().map(|(_, frames)| frames.len()).sum());
-    type FrameResult = Result<Points, uw_io::Error>;
+    type FrameResult = Result<Stripes, uw_io::Error>;
     type Group<'c> = (Option<Problem>, Vec<(&'c FrameRecord, FrameResult)>);
     let made: Vec<Group<'_>> = groups
         .into_par_iter()
@@ -171,18 +171,17 @@ fn points(
                             .as_mut()
                             .map_err(|e| Error::Stripe { path: path.clone(), source: e.clone() })?;
                         let began = Instant::now();
-                        let points = match reading.stripe(&capture, frame) {
+                        let found = match reading.stripe(&capture, frame) {
                             Ok(image) => {
                                 let decode = began.elapsed();
-                                let mut points =
-                                    tracer.points(extractor, &image, background.as_ref(), frame, &path)?;
-                                points.spent.decode = decode;
-                                Ok(points)
+                                let mut found = see(extractor, &image, background.as_ref(), frame, &path)?;
+                                found.spent.decode = decode;
+                                Ok(found)
                             }
                             Err(error) => Err(error),
                         };
                         progress.step();
-                        Ok((frame, points))
+                        Ok((frame, found))
                     },
                 )
                 .collect::<Result<Vec<_>, Error>>()?;
@@ -190,7 +189,7 @@ fn points(
         })
         .collect::<Result<_, Error>>()?;
 
-    let (mut images, mut rejected, mut spent) = (Vec::new(), Rejects::new(), Spent::default());
+    let (mut images, mut used, mut rejected, mut spent) = (Vec::new(), 0, Rejects::new(), Spent::default());
     let (mut losses, mut backgrounds) = (Vec::new(), Vec::new());
     for (lost, frames) in made {
         backgrounds.extend(lost);
@@ -201,20 +200,20 @@ fn points(
                     for (&reason, &count) in &found.rejected {
                         *rejected.entry(reason).or_default() += count;
                     }
-                    images.push((frame, found));
+                    used += 1;
+                    images.extend(found.image.map(|image| (frame, image)));
                 }
                 Err(error) => losses.push(Problem::loss(frame.row, error)),
             }
         }
     }
-    let used = images.len();
     if used == 0 && !losses.is_empty() {
         let first = Box::new(losses.swap_remove(0).error);
         return Err(Error::NothingLeft { path: capture.dir, first });
     }
     losses.append(&mut backgrounds);
     notes.problems.append(&mut losses);
-    let points = believed(images, &mut rejected);
+    let points = believed(&tracer, images, &mut rejected, &mut spent);
     if points.is_empty() {
         return Err(Error::NoPoint { path: capture.dir, frames: used, rejected });
     }
@@ -234,24 +233,69 @@ fn points(
     })
 }
 
-/// The points of all images without those that the sweep as a whole tells against, counted in `rejected`.
-fn believed(mut images: Vec<(&FrameRecord, Points)>, rejected: &mut Rejects) -> Vec<CloudPoint> {
-    let voltage = |frame: &FrameRecord| frame.voltage_v.unwrap_or(f64::INFINITY);
-    images.sort_by(|(a, _), (b, _)| voltage(a).total_cmp(&voltage(b)));
-    let reasons = outline::judge(&images.iter().map(|(_, found)| found.seen.as_slice()).collect::<Vec<_>>());
-    let mut kept: Vec<(usize, Vec<CloudPoint>)> = Vec::with_capacity(images.len());
-    for ((frame, found), reasons) in images.into_iter().zip(reasons) {
-        let sound = |(point, reason): (CloudPoint, Option<&'static str>)| match reason {
-            Some(reason) => {
-                *rejected.entry(reason).or_default() += 1;
-                None
-            }
-            None => Some(point),
-        };
-        kept.push((frame.row, found.points.into_iter().zip(reasons).filter_map(sound).collect()));
+/// What one image showed; no `image` without a voltage.
+struct Stripes {
+    image: Option<Image>,
+    rejected: Rejects,
+    spent: Spent,
+}
+
+/// The stripe of one image.
+fn see(
+    extractor: &mut uw_stripe::Extractor,
+    image: &GrayImage,
+    background: Option<&GrayImage>,
+    frame: &FrameRecord,
+    path: &Path,
+) -> Result<Stripes, Error> {
+    let began = Instant::now();
+    let stripe = extract(extractor, image, background, path)?;
+    let spent = Spent { extract: began.elapsed(), ..Spent::default() };
+    let rejected = stripe.rejected().map(|(reason, count)| (reason.name(), count)).collect();
+    let seen = stripe.measurements().map(|m| Seen {
+        line: m.line,
+        position_px: m.position_px,
+        sigma_px: m.sigma_px,
+        amplitude: m.amplitude,
+        width_px: stripe.width_px[m.line],
+    });
+    let image = frame.voltage_v.map(|voltage_v| Image { voltage_v, seen: seen.collect() });
+    Ok(Stripes { image, rejected, spent })
+}
+
+/// The points of all images, in the order of the frames; what the sweep as a whole tells against is counted in `rejected`.
+fn believed(
+    tracer: &Tracer<'_>,
+    mut images: Vec<(&FrameRecord, Image)>,
+    rejected: &mut Rejects,
+    spent: &mut Spent,
+) -> Vec<CloudPoint> {
+    images.sort_by(|(_, a), (_, b)| a.voltage_v.total_cmp(&b.voltage_v));
+    let (frames, images): (Vec<&FrameRecord>, Vec<Image>) = images.into_iter().unzip();
+    let mut judged: Vec<(&FrameRecord, f64, Verdicts)> = frames
+        .into_iter()
+        .zip(&images)
+        .zip(sweep::judge(&images))
+        .map(|((frame, image), verdicts)| (frame, image.voltage_v, verdicts))
+        .collect();
+    judged.sort_by_key(|(frame, ..)| frame.row);
+    let made: Vec<_> = judged
+        .into_par_iter()
+        .map(|(frame, voltage_v, verdicts)| {
+            let began = Instant::now();
+            let points = tracer.points(frame, voltage_v, verdicts);
+            (points, began.elapsed())
+        })
+        .collect();
+    let mut all = Vec::new();
+    for ((points, reasons), took) in made {
+        spent.triangulate += took;
+        all.extend(points);
+        for reason in reasons {
+            *rejected.entry(reason).or_default() += 1;
+        }
     }
-    kept.sort_by_key(|(row, _)| *row);
-    kept.into_iter().flat_map(|(_, points)| points).collect()
+    all
 }
 
 /// Lowest and highest index of water, relative to air, that a mistake is not likelier than.
@@ -299,122 +343,4 @@ fn medium(
         ));
     }
     Ok(medium)
-}
-
-/// What one image gave.
-struct Points {
-    points: Vec<CloudPoint>,
-    /// The centre in the image of each point.
-    seen: Vec<Seen>,
-    rejected: Rejects,
-    spent: Spent,
-}
-
-/// From stripes to points, for one scan.
-struct Tracer<'a> {
-    calibration: &'a CalibrationFile,
-    refraction: Refraction,
-    medium: Medium,
-}
-
-/// A point and its derivative by the measured coordinate, mm and mm per px.
-type PointAndSlope = (Vector3<f64>, Vector3<f64>);
-
-impl Tracer<'_> {
-    fn scanner(&self) -> &Scanner {
-        self.calibration.calibration.scanner()
-    }
-
-    fn points(
-        &self,
-        extractor: &mut uw_stripe::Extractor,
-        image: &GrayImage,
-        background: Option<&GrayImage>,
-        frame: &FrameRecord,
-        path: &Path,
-    ) -> Result<Points, Error> {
-        let mut spent = Spent::default();
-        let began = Instant::now();
-        let stripe = extract(extractor, image, background, path)?;
-        spent.extract = began.elapsed();
-        let mut rejected: Rejects = stripe.rejected().map(|(reason, count)| (reason.name(), count)).collect();
-        let began = Instant::now();
-        let Some(voltage_v) = frame.voltage_v else {
-            return Ok(Points { points: Vec::new(), seen: Vec::new(), rejected, spent });
-        };
-        let across = self.calibration.calibration.across;
-        let sheet = self.scanner().sheet(voltage_v, self.medium);
-        let exposure = self.scanner().exposure(voltage_v, self.medium);
-        let plane = approx::planar_sheet(&sheet);
-        let mut points = Vec::with_capacity(stripe.found());
-        let mut seen = Vec::with_capacity(stripe.found());
-        for m in stripe.measurements() {
-            let pixel = Vector2::from(stripe.axis.uv(m.line, m.position_px));
-            let traced = match (self.refraction, plane) {
-                (Refraction::Exact, _) => exposure.as_ref().map_err(|error| *error).and_then(|exposure| {
-                    let t = exposure.triangulate_with_derivatives(&pixel)?;
-                    Ok((t.point_mm, if across == Across::U { t.per_u } else { t.per_v }))
-                }),
-                (_, Err(error)) => Err(error),
-                (Refraction::Paper, Ok(plane)) => central(&pixel, across, |pixel| {
-                    let ray = approx::scaled_pixel_ray(&self.scanner().camera, pixel, self.medium)?;
-                    approx::intersect_plane(&ray, &plane)
-                }),
-                (Refraction::None, Ok(_)) => central(&pixel, across, |pixel| {
-                    let plane = Plane::through(&sheet.apex_mm, &sheet.normal)?;
-                    let direction = self.scanner().camera.unproject(pixel)?;
-                    approx::intersect_plane(&Ray { origin: Vector3::zeros(), direction }, &plane)
-                }),
-            };
-            match traced {
-                Ok((point, slope)) => {
-                    points.push(cloud_point(point, slope * m.sigma_px, &m, frame, &pixel));
-                    let width_px = stripe.width_px[m.line];
-                    seen.push(Seen {
-                        line: m.line,
-                        position_px: m.position_px as f32,
-                        width_px,
-                        flux: m.amplitude as f32 * width_px,
-                    });
-                }
-                Err(_) => *rejected.entry("no_intersection").or_default() += 1,
-            }
-        }
-        spent.triangulate = began.elapsed();
-        Ok(Points { points, seen, rejected, spent })
-    }
-}
-
-/// A point and its slope by central differences, for models without derivatives of their own.
-fn central(
-    pixel: &Vector2<f64>,
-    across: Across,
-    trace: impl Fn(&Vector2<f64>) -> Result<Vector3<f64>, GeomError>,
-) -> Result<PointAndSlope, GeomError> {
-    const HALF_STEP_PX: f64 = 0.5;
-    let at = |by: f64| {
-        let mut moved = *pixel;
-        moved[across.index()] += by;
-        trace(&moved)
-    };
-    Ok((trace(pixel)?, (at(HALF_STEP_PX)? - at(-HALF_STEP_PX)?) / (2.0 * HALF_STEP_PX)))
-}
-
-/// `along` is the point's standard deviation as a vector: the stripe's error moves it along the sheet.
-fn cloud_point(
-    point: Vector3<f64>,
-    along: Vector3<f64>,
-    m: &uw_stripe::Measurement,
-    frame: &FrameRecord,
-    pixel: &Vector2<f64>,
-) -> CloudPoint {
-    let covariance = along * along.transpose();
-    CloudPoint {
-        position_mm: point.into(),
-        intensity: m.amplitude as f32,
-        frame_row: frame.row as u32,
-        pixel: [pixel.x as f32, pixel.y as f32],
-        sigma_mm: along.norm() as f32,
-        covariance_mm2: [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|at| covariance[at] as f32),
-    }
 }
