@@ -99,3 +99,85 @@ pub(crate) fn keep_runs(
     }
     close(first, last, members);
 }
+
+/// Goes on beyond the ends of runs: where `position` (NaN = none) leaves a stripe for something else or for nothing, the stripe is looked for
+/// on the lines that follow, `look(line, expected)` telling its place there, until it is met again or lost. Places go to `found`, which
+/// holds `nowhere` for the others; false if there are none.
+pub(crate) fn go_on(
+    position: &[f32],
+    reach: f32,
+    look: impl Fn(usize, f32) -> Option<u32>,
+    nowhere: u32,
+    found: &mut [u32],
+) -> bool {
+    /// Members of a run that is worth it, those that tell its slope, and lines on which it may not show.
+    const LEAST: usize = 3;
+    const SLOPE: usize = 4;
+    const GAP: usize = 2;
+    /// Weight of the newest step in the slope.
+    const NEW: f32 = 0.2;
+    let n = position.len().min(found.len());
+    let near = |a: f32, b: f32| (a - b).abs() <= reach;
+    let mut any = false;
+    for forward in [true, false] {
+        let line = |i: usize| if forward { i } else { n - 1 - i };
+        let p = |i: usize| position[line(i)];
+        let mut members = 0;
+        for i in 0..n.saturating_sub(1) {
+            members = match p(i) {
+                here if here.is_nan() => 0,
+                here if i > 0 && near(here, p(i - 1)) => members + 1,
+                _ => 1,
+            };
+            if members < LEAST || near(p(i), p(i + 1)) {
+                continue;
+            }
+            let back = (members - 1).min(SLOPE);
+            let (mut last, mut slope) = ((i, p(i)), (p(i) - p(i - back)) / back as f32);
+            for j in i + 1..n {
+                let step = (j - last.0) as f32;
+                let expected = last.1 + slope * step;
+                if step > GAP as f32 + 1.0 || near(p(j), expected) || found[line(j)] != nowhere {
+                    break;
+                }
+                if let Some(place) = look(line(j), expected) {
+                    found[line(j)] = place;
+                    slope += NEW * ((place as f32 - last.1) / step - slope);
+                    last = (j, place as f32);
+                    any = true;
+                }
+            }
+        }
+    }
+    any
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_goes_on_behind_what_hides_it_and_no_further() {
+        const NOWHERE: u32 = u32::MAX;
+        let stripe = |i: usize| 50.0 + 0.7 * i as f32;
+        // Hidden on lines 20 to 29, gone from line 60 on.
+        let position: Vec<f32> = (0..80)
+            .map(|i| match i {
+                20..30 => 120.0,
+                60.. => f32::NAN,
+                _ => stripe(i),
+            })
+            .collect();
+        let look = |line: usize, expected: f32| {
+            let there = line < 60 && (expected - stripe(line)).abs() < 4.0;
+            there.then(|| stripe(line).round() as u32)
+        };
+        let mut found = vec![NOWHERE; 80];
+        assert!(go_on(&position, 5.0, look, NOWHERE, &mut found));
+        for (line, place) in found.into_iter().enumerate() {
+            let wanted = if (20..30).contains(&line) { stripe(line).round() as u32 } else { NOWHERE };
+            assert_eq!(place, wanted, "line {line}");
+        }
+        assert!(!go_on(&[], 5.0, |_, _| None, NOWHERE, &mut []));
+    }
+}

@@ -9,7 +9,7 @@ use crate::mle::{self, Fit, Start, WidthPrior};
 use crate::peak::{Candidate, Candidates};
 use crate::precise::WINDOW;
 use crate::profile::{Flags, Reject, Stripe};
-use crate::track::{Tracker, keep_runs};
+use crate::track::{Tracker, go_on, keep_runs};
 use crate::{Axis, Pixel};
 
 /// Share of the taken peak's height from which another counts as a rival.
@@ -66,11 +66,10 @@ impl Engine {
     ) {
         self.extended(job, buffers, 0, stripe);
         if buffers.front.places[1].at.iter().any(|a| *a != NOWHERE) {
-            let mut second = std::mem::replace(&mut self.second.stripe, Stripe::empty());
-            second.reset(job.axis, stripe.len());
-            self.extended(job, buffers, 1, &mut second);
-            self.arbitrate(job, stripe, &mut second);
-            self.second.stripe = second;
+            self.second_say(job, buffers, stripe);
+        }
+        if self.goes_on(job, &mut buffers.front.places[1].at, stripe) {
+            self.second_say(job, buffers, stripe);
         }
         let (first_line, _, _) = job.origin();
         let lines = first_line..first_line + job.lines();
@@ -98,6 +97,47 @@ impl Engine {
             }
         }
         (self.second.fits, self.second.shapes) = (fits, shapes);
+    }
+
+    /// Measures the candidates of second rank and takes those that make a stripe.
+    #[inline(never)]
+    fn second_say<P: Pixel>(&mut self, job: Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
+        let mut second = std::mem::replace(&mut self.second.stripe, Stripe::empty());
+        second.reset(job.axis, stripe.len());
+        self.extended(job, buffers, 1, &mut second);
+        self.arbitrate(job, stripe, &mut second);
+        self.second.stripe = second;
+    }
+
+    /// Where the stripe breaks off, looks for it next to where it was, since something brighter may have kept it from being a candidate:
+    /// fills `places`; false if there is nothing new.
+    fn goes_on<P: Pixel>(&self, job: Job<'_, P>, places: &mut [u32], stripe: &Stripe) -> bool {
+        /// Sigmas of a pixel that it must stand out by; the verdict falls on its height through the filter.
+        const SIGMAS: f64 = 4.0;
+        let (first_line, first_pixel, length) = job.origin();
+        let position = &stripe.position_px[first_line..first_line + job.lines()];
+        let reach = RUN_STEP.0 + RUN_STEP.1 * self.model.width_px;
+        if position.windows(2).all(|p| (p[1] - p[0]).abs() <= reach) {
+            return false;
+        }
+        places.fill(NOWHERE);
+        let arm = (3.5 * self.model.width_px).ceil() as usize;
+        let look = |line: usize, expected: f32| {
+            let value = |i: usize| match job.axis {
+                Axis::PerRow => job.image.row(job.roi.y + line)[job.roi.x + i].dn(),
+                Axis::PerColumn => job.image.row(job.roi.y + i)[job.roi.x + line].dn(),
+            };
+            let expected = expected - first_pixel as f32;
+            let from = (expected - reach).ceil().max(0.0) as usize;
+            let to = ((expected + reach).max(-1.0) + 1.0) as usize;
+            let at = (from..to.min(length)).max_by(|&a, &b| value(a).total_cmp(&value(b)).then(b.cmp(&a)))?;
+            let around = 0.5 * (value(at.saturating_sub(arm)) + value((at + arm).min(length - 1)));
+            let noise = self.model.noise.variance(f64::from(around), 0.0).sqrt();
+            (f64::from(value(at) - around) > SIGMAS * noise).then_some((at + first_pixel) as u32)
+        };
+        let any = go_on(position, reach, look, NOWHERE, places);
+        places.iter_mut().filter(|at| **at != NOWHERE).for_each(|at| *at -= first_pixel as u32);
+        any
     }
 
     #[inline(never)]
