@@ -9,7 +9,7 @@
 //! an object's outline, which is why the ends of stripes on balls and pipes are off by a tenth of a pixel and more, always to the
 //! same side. A straight stripe, however steep, and one of even strength are left as they are.
 
-use crate::profile::{Reject, Stripe};
+use crate::profile::{Flags, Reject, Stripe};
 use std::ops::Range;
 
 /// Lines to either side that the local curve is fitted to.
@@ -23,7 +23,7 @@ const LIMIT_WIDTHS: f64 = 0.15;
 
 /// Below so many sigmas of its own noise a bend is left alone, above it is shrunk towards that (James and Stein): where there is none,
 /// a correction would only add noise.
-const SIGNIFICANT: f64 = 2.0;
+const SIGNIFICANT: f64 = 3.0;
 /// Change of ln strength from one line to the next beyond which the surface's brightness has an edge there, whose light does not mix as
 /// that of an even change does.
 const EDGE_STEP: f64 = 1.0;
@@ -43,17 +43,18 @@ struct Local {
 /// beyond belief. `reach` is the longest step from a line to the next within a stripe, px.
 pub(crate) fn unbend(stripe: &mut Stripe, lines: Range<usize>, reach: impl Fn(usize) -> f32) {
     let found: Vec<Local> = lines.clone().filter_map(|line| local(stripe, &lines, line, &reach)).collect();
+    let share = blur_along(&found, stripe);
     // Width square to the stripe: a line cuts a steep one obliquely.
     let mut squares: Vec<f64> = found
         .iter()
-        .map(|at| f64::from(stripe.width_px[at.line]).powi(2) / (1.0 + at.slope * at.slope))
+        .map(|at| f64::from(stripe.width_px[at.line]).powi(2) / (1.0 + share * at.slope * at.slope))
         .collect();
     if squares.is_empty() {
         return;
     }
     let middle = squares.len() / 2;
     let (_, variance, _) = squares.select_nth_unstable_by(middle, f64::total_cmp);
-    let (variance, limit) = (*variance, LIMIT_WIDTHS * variance.sqrt());
+    let (variance, limit) = (share * *variance, LIMIT_WIDTHS * variance.sqrt());
     // The stripe's usual noise: single sigmas are wide where a fit is poor, which a bend itself makes it.
     let mut sigmas: Vec<f32> = found.iter().map(|at| stripe.sigma_px[at.line]).collect();
     let sigma_px = f64::from(*sigmas.select_nth_unstable_by(middle, f32::total_cmp).1);
@@ -61,6 +62,11 @@ pub(crate) fn unbend(stripe: &mut Stripe, lines: Range<usize>, reach: impl Fn(us
         let noise = sigma_px * at.noise_gain;
         let doubt = (SIGNIFICANT * noise / at.bend).powi(2);
         if doubt.is_nan() || doubt >= 1.0 {
+            // At an edge of brightness it may be real all the same.
+            if stripe.flags[at.line].contains(Flags::EDGE) {
+                let sigma = &mut stripe.sigma_px[at.line];
+                *sigma = f64::from(*sigma).hypot(variance * at.bend) as f32;
+            }
             continue;
         }
         let shift = variance * at.bend * (1.0 - doubt);
@@ -72,6 +78,34 @@ pub(crate) fn unbend(stripe: &mut Stripe, lines: Range<usize>, reach: impl Fn(us
             stripe.position_px[at.line] = (f64::from(stripe.position_px[at.line]) - shift) as f32;
         }
     }
+}
+
+/// Whether the stripe is blurred along as across (1), or only along its lines (0), as its widths tell: one cut obliquely by a line
+/// looks √(1 + f′²) as wide, a blur along the lines as wide everywhere. Without steep lines to tell by, the lens is believed.
+fn blur_along(found: &[Local], stripe: &Stripe) -> f64 {
+    /// Standard deviation of 1 beforehand, and of ln width² beyond its noise.
+    const DOUBT: f64 = 0.5;
+    const UNEVEN: f64 = 0.2;
+    // An edge of brightness widens and narrows what crosses it, and bends the curve as far as that reaches.
+    let plain = |at: &&Local| {
+        let near = at.line.saturating_sub(REACH_LINES)..(at.line + REACH_LINES + 1).min(stripe.flags.len());
+        !stripe.flags[near].iter().any(|flags| flags.contains(Flags::EDGE))
+    };
+    let pairs = || {
+        found
+            .iter()
+            .filter(plain)
+            .map(|at| (f64::from(stripe.width_px[at.line]).powi(2).ln(), (1.0 + at.slope * at.slope).ln()))
+    };
+    let n = pairs().count() as f64;
+    let (width, slope) = pairs().fold((0.0, 0.0), |(a, b), (w, s)| (a + w / n, b + s / n));
+    let (cross, square) = pairs()
+        .fold((0.0, 0.0), |(c, q), (w, s)| (c + (w - width) * (s - slope), q + (s - slope) * (s - slope)));
+    // Neighbours' widths go together: about one in ten lines says something of its own.
+    let known = 0.1 * square / (UNEVEN * UNEVEN);
+    let prior = DOUBT.powi(-2);
+    let told = if square > 0.0 { cross / square } else { 1.0 };
+    ((prior + known * told) / (prior + known)).clamp(0.0, 1.0)
 }
 
 /// A parabola through the positions and a straight line through the logarithm of the strengths around `line`, over the unbroken
