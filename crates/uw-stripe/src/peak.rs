@@ -44,11 +44,19 @@ impl Candidates {
     }
 }
 
+/// Pixels of a block of which only the highest value is looked at first.
+const BLOCK: usize = 16;
+
 /// Reused buffers of the search.
 #[derive(Debug, Default)]
 pub(crate) struct Search {
     sums: Vec<f64>,
+    /// Highest value of each block, and the lowest of all.
+    highest: Vec<f32>,
+    lowest: f32,
+    /// The best box on each pixel; none but those at `hits` holds one.
     best: Vec<Candidate>,
+    hits: Vec<usize>,
 }
 
 impl Search {
@@ -72,19 +80,22 @@ impl Search {
             sum += f64::from(v);
             self.sums.push(sum);
         }
-        self.best.clear();
+        self.highest.clear();
+        let block_maxima =
+            line.value.chunks(BLOCK).map(|b| b.iter().copied().fold(f32::NEG_INFINITY, f32::max));
+        self.highest.extend(block_maxima);
+        self.lowest = line.value.iter().copied().fold(f32::INFINITY, f32::min);
         self.best.resize(n, Candidate::default());
         let mut half = 1;
-        while 2 * half < widest.max(3) {
+        // Boxes wider than the line are all the same.
+        while 2 * half < widest.clamp(3, 2 * n + 3) {
             self.scan(line, noise, half, least_snr);
             half *= 2;
         }
+        self.hits.sort_unstable();
         let mut found = Candidates::default();
-        for i in 0..n {
+        for &i in &self.hits {
             let c = self.best[i];
-            if c.snr <= 0.0 {
-                continue;
-            }
             // The peak of its own box's reach, and of the reach of any wider box that covers it.
             let reach = c.scale;
             let rival = |j: usize| self.best[j].snr.total_cmp(&c.snr).then(i.cmp(&j)).is_gt();
@@ -95,6 +106,9 @@ impl Search {
                 }
             }
         }
+        for i in self.hits.drain(..) {
+            self.best[i] = Candidate::default();
+        }
         found
     }
 
@@ -104,8 +118,19 @@ impl Search {
         // Cheap test first, by multiplication only: most of an image is dark and fails it.
         let per_pixel = 1.0 / scale as f64;
         let least = f64::from(least_snr) * (noise.variance(0.0, 0.0) * per_pixel).sqrt();
-        for centre in 0..n {
-            let margin = half + scale;
+        let margin = half + scale;
+        // A box's mean is below its highest pixel, and its surroundings' above the line's lowest.
+        let promising = f64::from(self.lowest) + least;
+        let reach = half.div_ceil(BLOCK);
+        let blocks = self.highest.len();
+        let active = |block: usize, highest: &[f32]| {
+            let near = block.saturating_sub(reach)..(block + reach + 1).min(blocks);
+            highest[near].iter().any(|&v| f64::from(v) >= promising)
+        };
+        for centre in (0..blocks)
+            .filter(|&block| active(block, &self.highest))
+            .flat_map(|block| block * BLOCK..((block + 1) * BLOCK).min(n))
+        {
             if centre >= margin && centre + margin < n {
                 let inner = self.sums[centre + half + 1] - self.sums[centre - half];
                 let all = self.sums[centre + margin + 1] - self.sums[centre - margin];
@@ -135,6 +160,9 @@ impl Search {
             if snr > self.best[centre].snr && snr >= least_snr && box_mean - left.max(right) > 0.5 * contrast
             {
                 let flux = (contrast * (to - from) as f64) as f32;
+                if self.best[centre].snr <= 0.0 {
+                    self.hits.push(centre);
+                }
                 self.best[centre] = Candidate { centre, scale, snr, flux, background: around as f32 };
             }
         }
