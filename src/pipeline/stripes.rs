@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use uw_calib::Across;
 use uw_io::{Capture, FrameRecord, GrayImage};
-use uw_stripe::{Axis, Extractor, Options, Stripe, StripeError};
+use uw_stripe::{Axis, Extractor, Method, Options, Stripe, StripeError};
 
 /// Laser-on images that are looked at to find the stripe's direction.
 const DIRECTION_SAMPLES: usize = 12;
@@ -26,6 +26,8 @@ pub(crate) fn axis(across: Across) -> Axis {
 pub(crate) fn extractor(across: Across, bits: u8, reject_edges: bool) -> Result<Extractor, StripeError> {
     let full_scale = ((1u32 << bits) - 1) as f32;
     Extractor::new(Options {
+        // Each image by itself, bends corrected: what a measurement wants, whatever it takes.
+        method: Method::Precise,
         axis: axis(across),
         full_scale_dn: Some(full_scale),
         reject_edges,
