@@ -8,7 +8,7 @@
 //! p is a quarter of a pixel to the side on which the stripe's centre lies, so that what is left is a quarter of a pixel and the filter is
 //! matched to a thousandth. Levels of ρ + κ are half octaves; a group of 16 lines shares one, at the mean of their heights.
 
-use fearless_simd::{Select, Simd, SimdBase, SimdFloat, f32x16};
+use fearless_simd::{Select, Simd, SimdBase, SimdFloat, f32x16, mask32x16};
 use nalgebra::{SMatrix, SVector};
 
 use super::window::GROUP;
@@ -208,51 +208,47 @@ impl Bank {
         }
         let zero = splat(0.0);
         let left = sums[0].simd_lt(zero);
-        let mirrored = |v: V<S>| left.select(zero - v, v);
-        let moment = mirrored(sums[0]) + sums[1] + middle * kernel.middle[0];
-        let height = mirrored(sums[2]) + sums[3] + middle * kernel.middle[1];
+        // Inlined always, unlike closures: a call would lose the registers.
+        let mirrored = Mirrored(left);
+        let moment = mirrored.of(simd, sums[0]) + sums[1] + middle * kernel.middle[0];
+        let height = mirrored.of(simd, sums[2]) + sums[3] + middle * kernel.middle[1];
         // Where there is no stripe the height may be anything; the verdict falls on the ratio to its noise.
         let safe = height.max(splat(LEAST_HEIGHT));
         let mut background = (total - height * self.flux) * ((2 * half + 1) as f32).recip();
         let base = background.max(zero) * shot + splat(dark);
-        let variance = |gains: &[f32; 3]| {
-            base * gains[0] + safe * (gains[1] * shot) + safe * safe * (gains[2] * contrast)
-        };
-        let mut moment_variance = variance(&kernel.noise);
+        let (own, speckle) = (safe * shot, safe * safe * contrast);
+        let mut moment_variance = variance([base, own, speckle], &kernel.noise);
         let inverse = splat(1.0) / safe;
-        let within = |t: V<S>| t.max(splat(kernel.range[0])).min(splat(kernel.range[1]));
-        let polynomial = |c: &Polynomial, t: V<S>| {
-            c[..DEGREE].iter().rev().fold(splat(c[DEGREE]), |sum, c| sum * t + splat(*c))
-        };
-        let mut t = within(moment * inverse);
+        let mut t = clamp(simd, moment * inverse, kernel.range);
         if EXTRA {
             // A stripe beside the offset looks a little wider, and leaning.
-            let slope = (mirrored(extra[0]) + extra[1] + middle * kernel.extra_middle[0]) * inverse
-                - polynomial(&kernel.expected[0], t);
-            let slope_variance = variance(&kernel.extra_noise[0]);
+            let slope = (mirrored.of(simd, extra[0]) + extra[1] + middle * kernel.extra_middle[0]) * inverse
+                - polynomial(simd, &kernel.expected[0], t);
+            let slope_variance = variance([base, own, speckle], &kernel.extra_noise[0]);
             let z = slope * safe / slope_variance.sqrt();
-            let widening = (mirrored(extra[2]) + extra[3] + middle * kernel.extra_middle[1]) * inverse
-                - polynomial(&kernel.expected[1], t);
+            let widening = (mirrored.of(simd, extra[2]) + extra[3] + middle * kernel.extra_middle[1])
+                * inverse
+                - polynomial(simd, &kernel.expected[1], t);
             let lean = slope * kernel.lean;
             z.store_slice(&mut out.slope[from..from + CHUNK]);
             lean.store_slice(&mut out.lean[from..from + CHUNK]);
             widening.store_slice(&mut out.ln_width[from..from + CHUNK]);
-            let sigma = variance(&kernel.extra_noise[1]).sqrt() * inverse;
+            let sigma = variance([base, own, speckle], &kernel.extra_noise[1]).sqrt() * inverse;
             sigma.store_slice(&mut out.sigma_ln_width[from..from + CHUNK]);
             // What haze does to one line is hidden in its noise; sixteen neighbours show it.
-            if mirrored(z).reduce_sum().abs() > SIGNIFICANT * (CHUNK as f32).sqrt() {
-                t = within(t - lean);
+            if mirrored.of(simd, z).reduce_sum().abs() > SIGNIFICANT * (CHUNK as f32).sqrt() {
+                t = clamp(simd, t - lean, kernel.range);
                 moment_variance += slope_variance * (kernel.lean * kernel.lean);
             }
         }
-        let shift = polynomial(&kernel.shift, t);
-        let rate = polynomial(&kernel.rate, t);
+        let shift = polynomial(simd, &kernel.shift, t);
+        let rate = polynomial(simd, &kernel.rate, t);
         background = background.max(zero);
         let sigma = moment_variance.sqrt() * rate * inverse;
         let matched = self.width * std::f32::consts::PI.sqrt();
         // Sign and square of the ratio to the noise of the dark: comparisons need no root.
         let excess = height.max(zero) * safe * matched - base * (self.min_snr * self.min_snr);
-        mirrored(shift).store_slice(&mut out.shift[from..from + CHUNK]);
+        mirrored.of(simd, shift).store_slice(&mut out.shift[from..from + CHUNK]);
         sigma.store_slice(&mut out.sigma[from..from + CHUNK]);
         height.store_slice(&mut out.amplitude[from..from + CHUNK]);
         background.store_slice(&mut out.background[from..from + CHUNK]);
@@ -261,7 +257,42 @@ impl Bank {
     }
 }
 
+/// The polynomial's values.
+#[inline(always)]
+fn polynomial<S: Simd>(simd: S, c: &Polynomial, t: f32x16<S>) -> f32x16<S> {
+    let mut sum = f32x16::splat(simd, c[DEGREE]);
+    for c in c[..DEGREE].iter().rev() {
+        sum = sum * t + f32x16::splat(simd, *c);
+    }
+    sum
+}
+
+/// Values held within a range.
+#[inline(always)]
+fn clamp<S: Simd>(simd: S, t: f32x16<S>, range: [f32; 2]) -> f32x16<S> {
+    t.max(f32x16::splat(simd, range[0])).min(f32x16::splat(simd, range[1]))
+}
+
+/// Variance of a filter's output: its gains by the variances that are even, follow the stripe, follow its square.
+#[inline(always)]
+fn variance<S: Simd>(powers: [f32x16<S>; 3], gains: &[f32; 3]) -> f32x16<S> {
+    powers[0] * gains[0] + powers[1] * gains[1] + powers[2] * gains[2]
+}
+
+/// The lines whose stripe lies to the left, where the filter is the mirror image.
+#[derive(Clone, Copy)]
+struct Mirrored<S: Simd>(mask32x16<S>);
+
+impl<S: Simd> Mirrored<S> {
+    /// The odd part with the sign that belongs to it.
+    #[inline(always)]
+    fn of(self, simd: S, v: f32x16<S>) -> f32x16<S> {
+        self.0.select(f32x16::splat(simd, 0.0) - v, v)
+    }
+}
+
 /// Level of the filters for the ratio of a stripe's own variance to the background's: half octaves of 1 + ratio, read off the bits.
+#[inline(always)]
 fn level(ratio: f32) -> usize {
     let bits = (1.0 + ratio.max(0.0)).to_bits() >> 22;
     (bits.saturating_sub(127 << 1) as usize).min(LEVELS - 1)

@@ -13,8 +13,8 @@ use crate::{Axis, NoiseModel, Pixel, Roi, View};
 
 /// Rows of which the maximum is formed at a time.
 const ROWS: usize = 16;
-/// Rows read at a time: as many as there are registers to point at them.
-const STRIP: usize = 8;
+/// Vectors of a row read at a time.
+const STRIP: usize = 4;
 /// Most blocks, so that a byte can number them.
 const MOST_BLOCKS: usize = 254;
 /// Height of a second candidate that is worth measuring, in sigmas: what the largest of many pixels seldom reaches by noise.
@@ -151,8 +151,10 @@ impl<P: Pixel> Front<P> {
         let map = |block: usize| P::V::<S>::from_slice(simd, &self.map[block * width + x..][..P::N]);
         let none = splat(P::MAX);
         let zero = splat(P::ZERO);
-        let (mut height, mut place) = ([zero; 2], [none; 2]);
-        for block in 0..count {
+        let number = |block: usize| splat(P::from_index(block as u8));
+        self.contrast.resize((count * P::N).max(width), P::ZERO);
+        let (mut height, mut place) = (zero, none);
+        for (block, out) in self.contrast.chunks_exact_mut(P::N).take(count).enumerate() {
             let here = map(block);
             let around = match (block.checked_sub(reach), (block + reach < count).then_some(block + reach)) {
                 (Some(a), Some(b)) => map(a).min(map(b)),
@@ -160,23 +162,26 @@ impl<P: Pixel> Front<P> {
                 (None, None) => zero,
             };
             let contrast = here - here.min(around);
-            let number = splat(P::from_index(block as u8));
-            let first = contrast.simd_gt(height[0]);
-            if second_dn.is_some() {
-                let beside = place[0].simd_eq(splat(P::from_index(block.saturating_sub(1) as u8)));
-                // The strongest so far becomes the second, unless the new one is its other part.
-                let pushed = first & !beside;
-                let second = contrast.simd_gt(height[1]) & !first & !beside;
-                height[1] = pushed.select(height[0], second.select(contrast, height[1]));
-                place[1] = pushed.select(place[0], second.select(number, place[1]));
+            contrast.store_slice(out);
+            place = contrast.simd_gt(height).select(number(block), place);
+            height = height.max(contrast);
+        }
+        let strongest = place;
+        if let Some(least) = second_dn {
+            (height, place) = (splat(P::from_dn(least)), none);
+            for (block, contrast) in self.contrast.chunks_exact(P::N).take(count).enumerate() {
+                let number = number(block);
+                // A neighbour of the strongest is its other part.
+                let apart = (number.max(strongest) - number.min(strongest)).simd_gt(splat(P::from_index(1)));
+                let contrast = apart.select(P::V::<S>::from_slice(simd, contrast), zero);
+                place = contrast.simd_gt(height).select(number, place);
+                height = height.max(contrast);
             }
-            height[0] = first.select(contrast, height[0]);
-            place[0] = first.select(number, place[0]);
+            if height.simd_gt(splat(P::from_dn(least))).any_true() {
+                self.locate(simd, image, blocks, x, 1, place);
+            }
         }
-        self.locate(simd, image, blocks, x, 0, place[0]);
-        if second_dn.is_some_and(|least| height[1].simd_gt(splat(P::from_dn(least))).any_true()) {
-            self.locate(simd, image, blocks, x, 1, place[1]);
-        }
+        self.locate(simd, image, blocks, x, 0, strongest);
     }
 
     /// Rows of the maxima within the blocks chosen, for a vector of columns; the first of equals.
@@ -244,27 +249,25 @@ impl<P: Pixel> Front<P> {
         let reach = Self::reach(wanted, blocks);
         for x in 0..roi.width {
             let map = |block: usize| (block < count).then(|| self.map[block * roi.width + x]);
-            let mut best = [(P::ZERO, None::<usize>); 2];
-            for block in 0..count {
+            let contrast = |block: usize| {
                 let here = self.map[block * roi.width + x];
-                let around = Self::around(block.checked_sub(reach).and_then(map), map(block + reach));
-                let contrast = here - here.min(around);
-                let beside = best[0].1.is_some_and(|b| b + 1 == block);
-                if contrast > best[0].0 {
-                    if !beside {
-                        best[1] = best[0];
-                    }
-                    best[0] = (contrast, Some(block));
-                } else if contrast > best[1].0 && !beside {
-                    best[1] = (contrast, Some(block));
+                here - here.min(Self::around(block.checked_sub(reach).and_then(map), map(block + reach)))
+            };
+            let mut strongest = None::<usize>;
+            for rank in 0..2 {
+                let mut best = (P::ZERO, None);
+                if rank == 1 {
+                    let Some(least) = second_dn else { break };
+                    best.0 = P::from_dn(least);
                 }
-            }
-            for (rank, (height, block)) in best.into_iter().enumerate() {
-                let Some(block) =
-                    block.filter(|_| rank == 0 || second_dn.is_some_and(|d| height > P::from_dn(d)))
-                else {
-                    continue;
-                };
+                for block in (0..count).filter(|b| strongest.is_none_or(|s| b.abs_diff(s) > 1)) {
+                    let contrast = contrast(block);
+                    if contrast > best.0 {
+                        best = (contrast, Some(block));
+                    }
+                }
+                let Some(block) = best.1 else { break };
+                strongest = Some(block);
                 let top = self.map[block * roi.width + x];
                 let row = blocks.range(block).find(|y| image.row(roi.y + y)[roi.x + x] == top);
                 self.places[rank].at[x] = row.map_or(NOWHERE, |y| y as u32);
@@ -312,7 +315,7 @@ impl<P: Pixel> Front<P> {
             }
         }
         for rank in 0..2 {
-            let top = brightest(simd, &self.contrast);
+            let top = brightest(simd, &self.contrast[..roi.width]);
             let enough = rank == 0 || second_dn.is_some_and(|d| top > P::from_dn(d));
             if top == P::ZERO || !enough {
                 return;
@@ -325,11 +328,16 @@ impl<P: Pixel> Front<P> {
             // At least a vector, where there is one.
             let to = to.max((from + P::N).min(roi.width));
             let from = from.min(to.saturating_sub(P::N));
-            for y in blocks.range(block) {
-                let row = &image.row(roi.y + y)[roi.x + from..roi.x + to];
-                let best = brightest(simd, row);
-                let at = from + position(simd, row, best).unwrap_or(0);
-                self.places[rank].at[y] = at as u32;
+            let rows = blocks.range(block);
+            for first in rows.clone().step_by(ROWS) {
+                // Below the last row comes the last row again.
+                let row =
+                    |r: usize| &image.row(roi.y + (first + r).min(rows.end - 1))[roi.x + from..roi.x + to];
+                let best = tops::<S, P>(simd, row);
+                let places = &mut self.places[rank].at[first..(first + ROWS).min(rows.end)];
+                for (r, (at, best)) in places.iter_mut().zip(best).enumerate() {
+                    *at = (from + position(simd, row(r), best).unwrap_or(0)) as u32;
+                }
             }
             // A second one lies apart from the first.
             self.contrast[from.saturating_sub(reach)..(to + reach).min(roi.width)].fill(P::ZERO);
@@ -337,27 +345,33 @@ impl<P: Pixel> Front<P> {
     }
 }
 
-/// Largest grey value of each column in some rows.
+/// Largest grey value of each column in some rows: of some columns at a time, so that their maxima stay in registers.
 #[inline(always)]
 fn maxima<S: Simd, P: Pixel>(simd: S, image: &View<'_, P>, roi: Roi, rows: Range<usize>, map: &mut [P]) {
     let width = map.len();
-    for first in rows.clone().step_by(STRIP) {
-        // Below the last row comes the last row again, which changes no maximum.
-        let mut lines = [&[] as &[P]; STRIP];
-        for (r, line) in lines.iter_mut().enumerate() {
-            *line = &image.row(roi.y + (first + r).min(rows.end - 1))[roi.x..roi.x + width];
-        }
-        for x in (0..width).step_by(P::N) {
-            let x = x.min(width - P::N);
-            let load = |r: usize| P::V::<S>::from_slice(simd, &lines[r][x..x + P::N]);
-            let pair = |r: usize| load(r).max(load(r + 1));
-            let four = |r: usize| pair(r).max(pair(r + 2));
-            let mut here = four(0).max(four(4));
-            if first > rows.start {
-                here = here.max(P::V::<S>::from_slice(simd, &map[x..x + P::N]));
+    let (first, stride) = image.starting_at(roi.x, roi.y + rows.start);
+    let wide = STRIP * P::N;
+    let mut x = 0;
+    while x + wide <= width {
+        let mut best = [P::V::<S>::splat(simd, P::ZERO); STRIP];
+        for r in 0..rows.len() {
+            let part = &first[r * stride + x..][..wide];
+            for (best, part) in best.iter_mut().zip(part.chunks_exact(P::N)) {
+                *best = best.max(P::V::<S>::from_slice(simd, part));
             }
-            here.store_slice(&mut map[x..x + P::N]);
         }
+        for (best, out) in best.iter().zip(map[x..x + wide].chunks_exact_mut(P::N)) {
+            best.store_slice(out);
+        }
+        x += wide;
+    }
+    for x in (x..width).step_by(P::N) {
+        let x = x.min(width - P::N);
+        let mut best = P::V::<S>::splat(simd, P::ZERO);
+        for r in 0..rows.len() {
+            best = best.max(P::V::<S>::from_slice(simd, &first[r * stride + x..][..P::N]));
+        }
+        best.store_slice(&mut map[x..x + P::N]);
     }
 }
 
@@ -373,6 +387,45 @@ fn brightest<S: Simd, P: Pixel>(simd: S, row: &[P]) -> P {
         best = best.max(P::V::<S>::from_slice(simd, chunk));
     }
     best.reduce_max()
+}
+
+/// Largest grey values of as many rows as a block has: vectors are interleaved in pairs, so that one of half of each remains, until one holds
+/// something of all rows.
+#[inline(always)]
+fn tops<'a, S: Simd, P: Pixel>(simd: S, row: impl Fn(usize) -> &'a [P]) -> [P; ROWS] {
+    let length = row(0).len();
+    if length < P::N {
+        return std::array::from_fn(|r| brightest(simd, row(r)));
+    }
+    let mut best = [P::V::<S>::splat(simd, P::ZERO); ROWS];
+    for (r, best) in best.iter_mut().enumerate() {
+        let row = row(r);
+        *best = P::V::<S>::from_slice(simd, &row[length - P::N..]);
+        // Nearly always one vector or two.
+        for chunk in row[..length - 1].chunks_exact(P::N) {
+            *best = best.max(P::V::<S>::from_slice(simd, chunk));
+        }
+    }
+    halve::<S, P, 8>(&mut best);
+    halve::<S, P, 4>(&mut best);
+    halve::<S, P, 2>(&mut best);
+    halve::<S, P, 1>(&mut best);
+    let mut lanes = [P::ZERO; MOST_LANES];
+    best[0].store_slice(&mut lanes[..P::N]);
+    let mut tops = [P::ZERO; ROWS];
+    for part in lanes.chunks_exact(ROWS) {
+        tops.iter_mut().zip(part).for_each(|(top, v)| *top = (*top).max(*v));
+    }
+    tops
+}
+
+/// Of each of the first vectors and its partner half of them on, what is larger in either half, alternating.
+#[inline(always)]
+fn halve<S: Simd, P: Pixel, const HALF: usize>(best: &mut [P::V<S>; ROWS]) {
+    for r in 0..HALF {
+        let (low, high) = best[r].interleave(best[r + HALF]);
+        best[r] = low.max(high);
+    }
 }
 
 /// Length of the run of grey values above `low` at the start, or at the end, of some.
@@ -407,13 +460,15 @@ fn position<S: Simd, P: Pixel>(simd: S, row: &[P], value: P) -> Option<usize> {
         return row.iter().position(|p| *p == value);
     }
     let last = row.len() - P::N;
-    (0..row.len()).step_by(P::N).find_map(|x| {
+    for x in (0..row.len()).step_by(P::N) {
         let x = x.min(last);
-        let equal = P::V::<S>::from_slice(simd, &row[x..x + P::N])
-            .simd_eq(P::V::<S>::splat(simd, value))
-            .to_bitmask();
-        (equal != 0).then(|| x + equal.trailing_zeros() as usize)
-    })
+        let part = P::V::<S>::from_slice(simd, &row[x..x + P::N]);
+        let equal = part.simd_eq(P::V::<S>::splat(simd, value)).to_bitmask();
+        if equal != 0 {
+            return Some(x + equal.trailing_zeros() as usize);
+        }
+    }
+    None
 }
 
 /// Largest grey value of the region: nothing but a read, to compare with.

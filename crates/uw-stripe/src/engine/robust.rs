@@ -29,7 +29,7 @@ const RUN_STEP: (f32, f32) = (3.0, 2.0);
 /// Buffers for second candidates and refinement.
 #[derive(Debug)]
 pub(super) struct Second {
-    stripe: Stripe,
+    pub(super) stripe: Stripe,
     candidates: Vec<Candidates>,
     tracker: Tracker,
     choice: Vec<Option<usize>>,
@@ -103,7 +103,10 @@ impl Engine {
     #[inline(never)]
     fn second_say<P: Pixel>(&mut self, job: Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
         let mut second = std::mem::replace(&mut self.second.stripe, Stripe::empty());
-        second.reset(job.axis, stripe.len());
+        // Every line of the region is written.
+        if second.len() != stripe.len() {
+            second.reset(job.axis, stripe.len());
+        }
         self.extended(job, buffers, 1, &mut second);
         self.arbitrate(job, stripe, &mut second);
         self.second.stripe = second;

@@ -215,6 +215,35 @@ fn a_short_bright_reflection_does_not_win() {
     }
 }
 
+/// Address and room of every buffer of a result.
+fn room(s: &Stripe) -> Vec<(usize, usize)> {
+    [&s.position_px, &s.sigma_px, &s.amplitude, &s.width_px, &s.background, &s.chi2, &s.rival_ratio]
+        .map(|a| (a.as_ptr() as usize, a.capacity()))
+        .into_iter()
+        .chain([
+            (s.flags.as_ptr() as usize, s.flags.capacity()),
+            (s.reject.as_ptr() as usize, s.reject.capacity()),
+        ])
+        .collect()
+}
+
+#[test]
+fn second_candidates_take_no_new_memory() {
+    let one = Scene { slope: 0.0, ..SCENE }.image();
+    let mut two = one.clone();
+    two.chunks_exact_mut(300).for_each(|row| row[180..185].fill(100));
+    let mut engine = Engine::new(Level::new(), model(2.0));
+    let (mut stripe, mut buffers) = (Stripe::empty(), Buffers::default());
+    let mut rooms = Vec::new();
+    for image in [&two, &one, &two, &one, &two] {
+        let job = whole(View::packed(image, 300, 230).expect("sized"), Axis::PerRow, Kind::Robust);
+        engine.extract(job, None, &mut buffers, &mut stripe);
+        rooms.push((room(&stripe), room(&engine.second.stripe)));
+    }
+    assert!(rooms[0].1.iter().all(|(_, room)| *room >= 230));
+    assert!(rooms.iter().all(|r| *r == rooms[0]));
+}
+
 #[test]
 fn tracking_sees_what_the_whole_image_shows_and_says_when_it_lost_it() {
     for axis in AXES {
