@@ -178,13 +178,13 @@ fn group<P: Sample>(c: &mut Criterion) {
 }
 
 /// The table of ratios: speed by that of the read, of the best run of each and in the median over the rounds.
-fn ratios<P: Sample>() {
+fn ratios<P: Sample>(size: (usize, usize)) {
     const ROUNDS: usize = 300;
     /// The slow ones' ratios to a read tell nothing.
     const QUICK: usize = 5;
     for (bytes, place) in [(1, "cache"), (RING, "memory")] {
         for (axis, direction) in AXES {
-            let ring = Ring::<P>::new(SIZES[0], axis, bytes);
+            let ring = Ring::<P>::new(size, axis, bytes);
             let mut kernels: Vec<Kernel> =
                 KERNELS[..QUICK].iter().map(|(_, s)| Kernel::new(*s, axis, ring.view(0))).collect();
             let mut times = vec![Vec::with_capacity(ROUNDS); QUICK];
@@ -200,7 +200,7 @@ fn ratios<P: Sample>() {
                 }
             }
             let best = |k: usize| times[k].iter().copied().fold(f64::INFINITY, f64::min);
-            let pixels = (SIZES[0].0 * SIZES[0].1) as f64;
+            let pixels = (size.0 * size.1) as f64;
             print!("{:<4}{place:<7}{direction:<11}read {:>6.1} µs", P::NAME, best(0) * 1e6);
             for k in 1..QUICK {
                 let mut each: Vec<f64> = times[0].iter().zip(&times[k]).map(|(r, t)| r / t).collect();
@@ -215,9 +215,11 @@ fn ratios<P: Sample>() {
 
 fn main() {
     if std::env::args().any(|a| a == "--ratios") {
-        println!("768 x 576, speed by that of a pure read: best runs (median of rounds)");
-        ratios::<u8>();
-        ratios::<u16>();
+        for size in SIZES {
+            println!("{} x {}, speed by that of a pure read: best runs (median of rounds)", size.0, size.1);
+            ratios::<u8>(size);
+            ratios::<u16>(size);
+        }
         return;
     }
     let mut criterion = Criterion::default()

@@ -162,7 +162,9 @@ impl<P: Pixel> Front<P> {
                 (None, None) => zero,
             };
             let contrast = here - here.min(around);
-            contrast.store_slice(out);
+            if second_dn.is_some() {
+                contrast.store_slice(out);
+            }
             place = contrast.simd_gt(height).select(number(block), place);
             height = height.max(contrast);
         }
