@@ -35,7 +35,9 @@ pub struct Extractor {
     options: Options,
     precise: Precise,
     /// Made for the noise and width at hand; `None`: not known yet.
-    engine: Option<(Engine, Ridge)>,
+    engine: Option<Engine>,
+    /// Made for the width across the stripe, which the first stripe's slope tells.
+    ridge: Option<Ridge>,
     candidates: Vec<Option<f32>>,
     points: Vec<Option<RidgePoint>>,
     pool: Pool,
@@ -60,6 +62,7 @@ impl Extractor {
             precise: Precise::new(options.clone()),
             options,
             engine: None,
+            ridge: None,
             candidates: Vec::new(),
             points: Vec::new(),
             pool: Pool::default(),
@@ -97,10 +100,12 @@ impl Extractor {
             self.precise.extract(image, background, &mut self.stripe)?;
         } else {
             let roi = self.options.roi.unwrap_or(image.bounds()).check(image.width(), image.height())?;
-            if let Some((engine, ridge)) = &mut self.engine {
+            if let Some(engine) = &mut self.engine {
                 let job = Job { image, roi, axis: self.options.axis, kind };
                 engine.extract(job, self.options.track, P::buffers(&mut self.buffers), &mut self.stripe);
                 if self.options.method == Method::Ridge {
+                    let width = f64::from(engine.model().width_px);
+                    let ridge = self.ridge.get_or_insert_with(|| Ridge::new(width / obliquity(&self.stripe)));
                     follow(ridge, &image, &mut self.candidates, &mut self.points, &mut self.stripe);
                 }
             }
@@ -118,13 +123,13 @@ impl Extractor {
     /// [`StripeError`] when the region does not fit the image.
     pub fn learn<P: Pixel>(&mut self, image: View<'_, P>) -> Result<bool, StripeError> {
         let Some((noise, width)) = self.precise.learn(image)? else { return Ok(false) };
-        self.set(self.options.noise.unwrap_or(noise), self.options.width_px.unwrap_or(width as f32));
+        self.set(noise, self.options.width_px.unwrap_or(width as f32));
         Ok(true)
     }
 
     /// Forgets what was learned from images.
     pub fn forget(&mut self) {
-        self.engine = None;
+        (self.engine, self.ridge) = (None, None);
         if let (Some(noise), Some(width)) = (self.options.noise, self.options.width_px) {
             self.set(noise, width);
         }
@@ -132,7 +137,7 @@ impl Extractor {
 
     /// Noise and width of the stripe, px, that the methods other than [`Method::Precise`] work with; `None`: not known yet.
     pub fn model(&self) -> Option<(NoiseModel, f32)> {
-        self.engine.as_ref().map(|(e, _)| (e.model().noise, e.model().width_px))
+        self.engine.as_ref().map(|e| (e.model().noise, e.model().width_px))
     }
 
     fn set(&mut self, noise: NoiseModel, width_px: f32) {
@@ -141,7 +146,7 @@ impl Extractor {
         let width_px = width_px.clamp(NARROWEST_PX, o.max_width_px.max(NARROWEST_PX));
         let (min_snr, max_sigma_px, max_width_px) = (o.min_snr, o.max_sigma_px, o.max_width_px);
         let model = Model { noise, width_px, min_snr, max_sigma_px, max_width_px };
-        self.engine = Some((Engine::new(self.level, model), Ridge::new(f64::from(width_px))));
+        (self.engine, self.ridge) = (Some(Engine::new(self.level, model)), None);
     }
 
     /// The noise estimated from several images of one camera together: steadier than from each alone.
@@ -156,7 +161,8 @@ impl Extractor {
     }
 }
 
-/// Replaces what the filters found by where the ridge next to it crosses each line.
+/// Replaces what the filters found by where the ridge next to it crosses each line; where there is nothing to pool, at the image's first and
+/// last lines, it stands.
 fn follow<P: Pixel>(
     ridge: &mut Ridge,
     image: &View<'_, P>,
@@ -173,10 +179,29 @@ fn follow<P: Pixel>(
             stripe.sigma_px[line] = point.sigma as f32;
             stripe.amplitude[line] = point.amplitude as f32;
             stripe.background[line] = point.background as f32;
-        } else {
+        } else if ridge.pools_at(line, points.len()) {
             stripe.drop_line(line, Reject::NotConverged);
         }
     }
+}
+
+/// Width along a line by that across the stripe: the median of √(1 + slope²) over the image.
+fn obliquity(stripe: &Stripe) -> f64 {
+    /// Lines over which a slope is told.
+    const OVER: usize = 4;
+    let slope = |p: &[f32]| f64::from((p[OVER] - p[0]) / OVER as f32);
+    let mut all: Vec<f64> = stripe
+        .position_px
+        .windows(OVER + 1)
+        .map(slope)
+        .filter(|s| s.is_finite())
+        .map(|s| s.hypot(1.0))
+        .collect();
+    if all.is_empty() {
+        return 1.0;
+    }
+    let middle = all.len() / 2;
+    *all.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// Longest step from a line to the next that is pooled across, px.

@@ -4,8 +4,17 @@
 //! centre of the laser stripe, its standard deviation, height, width and background, with [`Flags`] that inform and a
 //! [`Reject`] reason wherever there is no position.
 //!
-//! [`Method`] says how. `Fast` and `Robust` are vector kernels on the image as it lies in memory (`engine`, which see); with `Precise`,
-//! to which `Robust` hands the lines that its filters do not suit, the steps are these:
+//! [`Method`] says how; RMS errors over the Cramér–Rao bound of a single line, on the scenes of `examples/accuracy.rs`:
+//!
+//! | method | for | clean | low signal | steep | haze | wrong among glints |
+//! |---|---|---|---|---|---|---|
+//! | `Fast` | kHz cameras, weak computers, clear water | 0.99 | 1.01 | 0.99 | 4.6 | 24 % |
+//! | `Robust` | nearly everything | 0.99 | 1.01 | 0.99 | 0.98 | 0 |
+//! | `Precise` | speckle, albedo edges, unknown noise, single images | 1.01 | 1.04 | 1.01 | 1.00 | 0 |
+//! | `Ridge` | steep stripes and low signal, pooled along the stripe | 0.52 | 0.47 | 0.64 | 3.9 | 0 |
+//!
+//! `Fast` and `Robust` are vector kernels on the image as it lies in memory (`engine`, which see); with `Precise`, to which `Robust` hands
+//! the lines that its filters do not suit, the steps are these:
 //!
 //! | step | module | decides |
 //! |---|---|---|

@@ -4,20 +4,26 @@ use crate::engine::Tracking;
 use crate::{Axis, NoiseModel, Roi, StripeError};
 
 /// How the centre of the stripe is estimated.
+///
+/// RMS errors below are over the Cramér–Rao bound of a single line, on the scenes of `examples/accuracy.rs` with the camera's noise given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
 #[non_exhaustive]
 pub enum Method {
     /// The strongest candidate of each line, through filters matched to width and noise. For kHz cameras and weak computers: no second
-    /// candidate, no chi-square, saturation flagged and not corrected.
+    /// candidate, no chi-square, saturation flagged and not corrected. At the bound in clear water (0.99; 1.01 at low signal; 0.99 at slope
+    /// 1.2); a lopsided haze biases it by a tenth of a pixel and more, and a brighter glint wins.
     Fast,
-    /// Two candidates a line and the neighbours' say in which is taken, the same filters, a sloping background taken out; lines that are
-    /// saturated, lopsided or of another width are refined as by `Precise`.
+    /// Two candidates a line and the neighbours' say in which is taken, the stripe followed behind what outshines it, the same filters, a
+    /// sloping background taken out; lines that are saturated, lopsided or of another width are refined as by `Precise`. As `Fast` in clear
+    /// water, 0.98 in haze (bias 0.002 px), no wrong peak among glints half as bright again. In speckle half of a centre of gravity's
+    /// scatter, but twice as much as its sigmas say.
     Robust,
     /// Maximum likelihood of every line with linear background and free width, pixels at full scale as bounds, widths and noise from the
-    /// image itself.
+    /// image itself. 1.00 to 1.04 in clear water, haze, saturation, and on steep stripes; sigmas that hold in speckle too.
     #[default]
     Precise,
-    /// Steger's ridge detector at the candidates of `Robust`, which pools along the stripe: for curved and steep ones.
+    /// Steger's ridge detector at the candidates of `Robust`, which pools along the stripe: for steep ones and those of low signal. 0.5 in
+    /// clear water and at low signal, 0.64 at slope 1.2, at the price of resolution along the stripe; haze biases it as `Fast`.
     Ridge,
     /// Centre of gravity of the strongest candidate, for comparison.
     Cog,
@@ -35,6 +41,9 @@ pub struct Options {
     /// Region looked at; `None`: the whole image.
     pub roi: Option<Roi>,
     /// The camera's noise; `None`: estimated, by [`Method::Precise`] from each image, by the others as [`width_px`](Self::width_px).
+    ///
+    /// One without speckle is the camera's alone: where a stripe is several times as rough as it says, the noise is read off the image
+    /// where the width is.
     pub noise: Option<NoiseModel>,
     /// Standard deviation of the stripe's cross section, px; `None`: estimated, by [`Method::Precise`] from each image, by the others from
     /// the first image that shows enough of a stripe, and again after [`Extractor::forget`](crate::Extractor::forget).

@@ -113,8 +113,12 @@ impl Precise {
         let (noise, width) = match self.options.noise {
             Some(noise) => {
                 self.find(&noise, CANDIDATE_SNR);
-                let (_, width) = self.train(noise, full_scale, CLEAR);
-                (noise, width)
+                let (seen, width) = self.train(noise, full_scale, CLEAR);
+                if seen != noise {
+                    // Grains passed for candidates.
+                    self.find(&seen, CANDIDATE_SNR);
+                }
+                (seen, width)
             }
             None => {
                 let first = self.first_noise(full_scale);
@@ -222,7 +226,7 @@ impl Precise {
         const ROUNDS: usize = 3;
         /// A fit this many times worse than the median is not noise but another shape.
         const OUTLIER: f64 = 4.0;
-        let mut noise = NoiseModel { full_scale_dn: full_scale, ..first };
+        let (mut noise, mut explained) = (NoiseModel { full_scale_dn: full_scale, ..first }, true);
         let used = self.choice.iter().flatten().count();
         let step = used.div_ceil(TRAINING_LINES).max(1);
         for _ in 0..ROUNDS {
@@ -252,10 +256,13 @@ impl Precise {
                 self.residuals.extend(residuals);
                 self.widths.push(ln_width);
             }
-            if self.options.noise.is_some() {
-                break;
-            }
-            noise = noise::photon_transfer(&self.residuals, &noise);
+            explained = explained && noise::explains(&self.residuals, &noise);
+            noise = match self.options.noise {
+                None => noise::photon_transfer(&self.residuals, &noise),
+                // Frames that tell a camera's noise do not tell the surface's speckle.
+                Some(given) if given.speckle_contrast > 0.0 || explained => break,
+                Some(_) => noise::photon_transfer(&self.residuals, &noise),
+            };
         }
         (noise, width_prior(&mut self.widths))
     }
