@@ -163,7 +163,7 @@ fn given(camera: &Camera, method: Method) -> Options {
 }
 
 /// The noise model that dark and flat frames would show.
-fn photon_transfer(camera: &Camera) -> NoiseModel {
+pub fn photon_transfer(camera: &Camera) -> NoiseModel {
     NoiseModel {
         gain_e_per_dn: camera.electrons_per_dn as f32,
         read_noise_dn: camera.read_noise_dn as f32,
