@@ -187,7 +187,7 @@ fn ratios<P: Sample>(size: (usize, usize)) {
             let ring = Ring::<P>::new(size, axis, bytes);
             let mut kernels: Vec<Kernel> =
                 KERNELS[..QUICK].iter().map(|(_, s)| Kernel::new(*s, axis, ring.view(0))).collect();
-            let mut times = vec![Vec::with_capacity(ROUNDS); QUICK];
+            let mut times = vec![Vec::new(); QUICK];
             let mut next = 0;
             for _ in 0..ROUNDS {
                 for (kernel, times) in kernels.iter_mut().zip(&mut times) {
