@@ -3,7 +3,7 @@
 //! This crate is the pipeline on top of the crates that do the work, and the facade that the command line and Python share.
 //! [`calibrate`](pipeline::calibrate::calibrate) turns recorded calibrations into a [`uw_calib::Calibration`],
 //! [`reconstruct`](pipeline::reconstruct::reconstruct) a recorded sweep into a [`uw_cloud::PointCloud`],
-//! and [`io::clouds`](uw_io::clouds) reads and writes that by the ending of its file's name.
+//! and [`io::clouds`] reads and writes that by the ending of its file's name.
 
 mod error;
 pub mod pipeline;

@@ -70,7 +70,7 @@ impl From<Water> for WaterRecord {
 impl Water {
     /// The index relative to air: of water known by its index, that index, which is the one at the laser's wavelength;
     /// else Quan and Fry's at `wavelength_nm` (in air), with a term for depth ([`uw_geom::water::index`]).
-    /// [`Rig::water_index_at`] serves any wavelength.
+    /// [`Rig::water_index_at`](super::Rig::water_index_at) serves any wavelength.
     pub fn index(&self, wavelength_nm: f64) -> f64 {
         match *self {
             Self::Index(index) => index,
