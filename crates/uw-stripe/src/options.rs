@@ -61,7 +61,7 @@ pub struct Options {
     pub max_width_px: f32,
     /// Largest predicted sigma of the position, px.
     pub max_sigma_px: f32,
-    /// Take measurements flagged [`Flags::EDGE`] out, as a calibration board's squares want it.
+    /// Take measurements flagged [`Flags::EDGE`](crate::Flags::EDGE) out, as a calibration board's squares want it.
     pub reject_edges: bool,
 }
 
