@@ -9,7 +9,9 @@
 //! an object's outline, which is why the ends of stripes on balls and pipes are off by a tenth of a pixel and more, always to the
 //! same side. A straight stripe, however steep, and one of even strength are left as they are.
 
+use crate::precise::median;
 use crate::profile::{Flags, Reject, Stripe};
+use crate::verdict::run_reach;
 use std::ops::Range;
 
 /// Lines to either side that the local curve is fitted to.
@@ -40,9 +42,9 @@ struct Local {
 }
 
 /// Corrects the positions of `lines` for blur along a bent stripe, widens their sigmas by what that leaves unsure, and takes out those
-/// beyond belief. `reach` is the longest step from a line to the next within a stripe, px.
-pub(crate) fn unbend(stripe: &mut Stripe, lines: Range<usize>, reach: impl Fn(usize) -> f32) {
-    let found: Vec<Local> = lines.clone().filter_map(|line| local(stripe, &lines, line, &reach)).collect();
+/// beyond belief.
+pub(crate) fn unbend(stripe: &mut Stripe, lines: Range<usize>) {
+    let found: Vec<Local> = lines.clone().filter_map(|line| local(stripe, &lines, line)).collect();
     let share = blur_along(&found, stripe);
     // Width square to the stripe: a line cuts a steep one obliquely.
     let mut squares: Vec<f64> = found
@@ -52,12 +54,11 @@ pub(crate) fn unbend(stripe: &mut Stripe, lines: Range<usize>, reach: impl Fn(us
     if squares.is_empty() {
         return;
     }
-    let middle = squares.len() / 2;
-    let (_, variance, _) = squares.select_nth_unstable_by(middle, f64::total_cmp);
-    let (variance, limit) = (share * *variance, LIMIT_WIDTHS * variance.sqrt());
+    let variance = median(&mut squares);
+    let (variance, limit) = (share * variance, LIMIT_WIDTHS * variance.sqrt());
     // The stripe's usual noise: single sigmas are wide where a fit is poor, which a bend itself makes it.
-    let mut sigmas: Vec<f32> = found.iter().map(|at| stripe.sigma_px[at.line]).collect();
-    let sigma_px = f64::from(*sigmas.select_nth_unstable_by(middle, f32::total_cmp).1);
+    let mut sigmas: Vec<f64> = found.iter().map(|at| f64::from(stripe.sigma_px[at.line])).collect();
+    let sigma_px = median(&mut sigmas);
     for at in found {
         let noise = sigma_px * at.noise_gain;
         let doubt = (SIGNIFICANT * noise / at.bend).powi(2);
@@ -110,14 +111,15 @@ fn blur_along(found: &[Local], stripe: &Stripe) -> f64 {
 
 /// A parabola through the positions and a straight line through the logarithm of the strengths around `line`, over the unbroken
 /// run that it belongs to; `None` where that is too short.
-fn local(stripe: &Stripe, lines: &Range<usize>, line: usize, reach: &impl Fn(usize) -> f32) -> Option<Local> {
+fn local(stripe: &Stripe, lines: &Range<usize>, line: usize) -> Option<Local> {
     let position = |i: usize| stripe.position_px[i];
     if position(line).is_nan() {
         return None;
     }
     let ln_strength = |i: usize| f64::from(stripe.amplitude[i]).max(1e-6).ln();
     let even = |a: usize, b: usize| (ln_strength(a) - ln_strength(b)).abs() <= EDGE_STEP;
-    let joined = |a: usize, b: usize| (position(b) - position(a)).abs() <= reach(a) && even(a, b);
+    let joined =
+        |a: usize, b: usize| (position(b) - position(a)).abs() <= run_reach(stripe.width_px[a]) && even(a, b);
     let (mut first, mut last) = (line, line);
     while first > lines.start && line - first < REACH_LINES && joined(first, first - 1) {
         first -= 1;

@@ -5,12 +5,12 @@ use fearless_simd::Level;
 use crate::engine::{AllBuffers, Engine, Job, Kind, Model};
 use crate::options::{Method, Options};
 use crate::pool::Pool;
-use crate::precise::Precise;
+use crate::precise::{Precise, median};
 use crate::profile::{Reject, Stripe};
 use crate::ridge::{Ridge, RidgePoint};
 use crate::{NoiseModel, Pixel, StripeError, View};
 
-/// Finds the stripe in one image after another, without allocation once it has seen one.
+/// Finds the stripe in one image after another, and keeps its buffers from image to image.
 ///
 /// With [`Method::Precise`] a result depends on its image alone. The other methods learn noise and width from the first image that shows
 /// enough of a stripe, unless [`Options::noise`] and [`Options::width_px`] give them, and keep them until [`Extractor::forget`]; until then,
@@ -197,11 +197,7 @@ fn obliquity(stripe: &Stripe) -> f64 {
         .filter(|s| s.is_finite())
         .map(|s| s.hypot(1.0))
         .collect();
-    if all.is_empty() {
-        return 1.0;
-    }
-    let middle = all.len() / 2;
-    *all.select_nth_unstable_by(middle, f64::total_cmp).1
+    if all.is_empty() { 1.0 } else { median(&mut all) }
 }
 
 /// Longest step from a line to the next that is pooled across, px.

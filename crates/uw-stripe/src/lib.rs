@@ -22,8 +22,9 @@
 //! | noise | `noise` | variance of a grey value: given, or read off the image |
 //! | candidates | `peak` | box Laplacian of Gaussian at several widths, threshold from the noise |
 //! | track | `track` | which candidate continues its neighbours' |
-//! | refinement | `mle` | maximum likelihood of a pixel-integrated Gaussian on a linear background |
-//! | verdict | `precise` | flags and rejects |
+//! | refinement | `mle` | maximum likelihood of a pixel-integrated Gaussian on a smooth background |
+//! | verdict | `precise`, `verdict` | flags and rejects |
+//! | bends | `bend` | what blur moves along a bent stripe |
 //!
 //! Pixel (0, 0) is the centre of the top-left pixel. Grey values are in DN, positions, widths and sigmas in pixels.
 
@@ -42,6 +43,7 @@ mod profile;
 mod ridge;
 mod special;
 mod track;
+mod verdict;
 mod view;
 
 pub use engine::{Tracking, brightest};

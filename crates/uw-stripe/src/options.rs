@@ -18,7 +18,7 @@ pub enum Method {
     /// water, 0.98 in haze (bias 0.002 px), no wrong peak among glints half as bright again. In speckle half of a centre of gravity's
     /// scatter, but twice as much as its sigmas say.
     Robust,
-    /// Maximum likelihood of every line with linear background and free width, pixels at full scale as bounds, widths and noise from the
+    /// Maximum likelihood of every line with a smooth background and free width, pixels at full scale as bounds, widths and noise from the
     /// image itself. 1.00 to 1.04 in clear water, haze, saturation, and on steep stripes; sigmas that hold in speckle too.
     #[default]
     Precise,

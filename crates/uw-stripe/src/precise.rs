@@ -6,7 +6,8 @@ use crate::mle::{self, Fit, Start, WidthPrior};
 use crate::noise::{self, Residual};
 use crate::peak::{Candidate, Candidates, Search};
 use crate::profile::{Flags, Reject, Stripe};
-use crate::track::{Tracker, keep_runs};
+use crate::track::Tracker;
+use crate::verdict::{self, run_reach};
 use crate::{NoiseModel, Options, Pixel, StripeError, View};
 
 /// Signal-to-noise ratio of a candidate worth a fit; the verdict falls on the fitted flux.
@@ -17,16 +18,6 @@ const FIRST_LOOK_SNR: f32 = 8.0;
 const NARROWEST_PX: f64 = 0.25;
 /// Half a fit's window, in widths plus pixels: the further it reaches, the less does a background cost the centre.
 pub(crate) const WINDOW: (f64, f64) = (8.0, 1.0);
-/// Reduced chi-square beyond which a fit is flagged as poor.
-const POOR_CHI2: f64 = 4.0;
-/// Skewness, in sigmas and absolute, beyond which a profile counts as lopsided.
-const SKEW: (f64, f64) = (4.0, 0.25);
-/// Degrees of freedom with which chi-square = 1 is believed before any pixel is seen.
-const CHI2_PRIOR_FREEDOM: f64 = 6.0;
-/// Lines that must agree with each other.
-const LEAST_RUN: usize = 3;
-/// Longest step between neighbours in a run: pixels plus widths.
-const RUN_STEP: (f32, f32) = (3.0, 2.0);
 /// Change of ln flux a line that counts as an albedo edge: at least this, and this many times the image's usual change.
 const FLUX_STEP: (f64, f64) = (0.15, 4.0);
 /// Lines within which two levels of flux count as an albedo edge's sides, their least ratio, and the ratio within which
@@ -41,7 +32,7 @@ const LEAN_BETWEEN_LEVELS: f64 = 0.4;
 const PARTIAL: f64 = 0.5;
 /// Largest sigma in widths: beyond it there is no telling a stripe from the background's texture.
 const LARGEST_SIGMA_IN_WIDTHS: f64 = 0.25;
-/// A run needs as many members as [`LEAST_RUN`] with this many times the least signal-to-noise ratio.
+/// A run needs as many members as [`verdict::LEAST_RUN`] with this many times the least signal-to-noise ratio.
 const STRONG: f64 = 2.0;
 /// Lines fitted for the estimate of noise and width; spread over the image.
 const TRAINING_LINES: usize = 400;
@@ -284,29 +275,19 @@ impl Precise {
             self.judge(i);
         }
         let lines = self.lines.first_line..self.lines.first_line + self.fits.len();
-        let width = &self.stripe.width_px[lines.clone()];
-        let reach = |i: usize| RUN_STEP.0 + RUN_STEP.1 * width[i].max(0.0);
-        let least = LEAST_RUN.min(self.fits.len());
         let strong = |i: usize| self.snr[i] >= STRONG * f64::from(self.options.min_snr);
-        keep_runs(&self.stripe.position_px[lines.clone()], reach, strong, least, &mut self.keep);
-        for (i, keep) in lines.clone().zip(&self.keep) {
-            if !keep && self.stripe.reject[i].is_none() {
-                self.stripe.drop_line(i, Reject::Inconsistent);
-            }
-        }
+        verdict::drop_lonely(&mut self.stripe, lines.clone(), strong, &mut self.keep);
         // All ends first, then out with them, lest an end be eaten up line by line.
-        let reach = |i: usize| RUN_STEP.0 + RUN_STEP.1 * self.stripe.width_px[i].max(0.0);
+        let reach = |i: usize| run_reach(self.stripe.width_px[i]);
         let mut partial = std::mem::take(&mut self.partial);
         partial.clear();
-        partial.extend(lines.filter(|&i| self.stripe.reject[i].is_none() && self.partial(i, reach(i))));
+        partial
+            .extend(lines.clone().filter(|&i| self.stripe.reject[i].is_none() && self.partial(i, reach(i))));
         for &i in &partial {
             self.stripe.drop_line(i, Reject::Edge);
         }
         self.partial = partial;
-        let lines = self.lines.first_line..self.lines.first_line + self.fits.len();
-        let reach: Vec<f32> =
-            self.stripe.width_px.iter().map(|w| RUN_STEP.0 + RUN_STEP.1 * w.max(0.0)).collect();
-        unbend(&mut self.stripe, lines, |i| reach[i]);
+        unbend(&mut self.stripe, lines);
     }
 
     /// Verdict on line `i` of the region, all but its company.
@@ -325,8 +306,7 @@ impl Precise {
             self.stripe.reject[out] = Some(Reject::NotConverged);
             return;
         };
-        // Chi-square per degree of freedom, drawn towards 1 since a handful of pixels says little.
-        let scale = (CHI2_PRIOR_FREEDOM + fit.chi2) / (CHI2_PRIOR_FREEDOM + fit.freedom);
+        let scale = verdict::chi2_scale(&fit);
         let step = self.flux_step(i);
         let edge = step > self.edge_step();
         // Light of which the surface sends back more on one side moves the centre by width² · d ln(albedo)/dx. The change
@@ -336,29 +316,20 @@ impl Precise {
         let between = self.between_levels(i);
         let lean = if between { along.max(LEAN_BETWEEN_LEVELS * fit.width) } else { along };
         let sigma = (fit.sigma.powi(2) * scale + (self.speckle * fit.width).powi(2) + lean * lean).sqrt();
-        let mut flags = Flags::NONE;
+        let mut flags = verdict::flags(&fit);
         let mut set = |flag, on| flags |= if on { flag } else { Flags::NONE };
         let length = self.lines.length as f64;
-        set(Flags::SATURATED, fit.saturated > 0);
         set(Flags::SEVERAL_PEAKS, rival > 0.0);
-        set(Flags::NOT_CONVERGED, !fit.converged);
-        set(Flags::POOR_FIT, fit.chi2 > POOR_CHI2 * fit.freedom.max(1.0));
         set(
             Flags::BORDER,
             fit.centre - 3.0 * fit.width < -0.5 || fit.centre + 3.0 * fit.width > length - 0.5,
         );
-        set(
-            Flags::EDGE,
-            fit.skew_snr.abs() > SKEW.0 * scale.sqrt() && fit.skew.abs() > SKEW.1 || edge || between,
-        );
+        set(Flags::EDGE, edge || between);
         let reach = taken.scale as f64 + 2.0 * fit.width;
-        // Against the noise that would be there without a stripe, through the filter matched to its width: what decides
-        // whether there is one is the chance of the background to look like it.
         let level = fit.background.max(0.0) + self.lines.line(i).pedestal(taken.centre);
         let texture = texture(self.lines.line(i), &fit, &mut self.scratch);
         let pixel = self.stripe.noise.variance(level, 0.0).max(texture * texture);
-        let noise = pixel * 2.0 * std::f64::consts::PI.sqrt() * fit.width;
-        let snr = fit.flux / noise.sqrt();
+        let snr = verdict::snr(&fit, pixel);
         self.snr[i] = snr;
         let reject = if (fit.centre - taken.centre as f64).abs() > reach {
             Some(Reject::NotConverged)
@@ -387,10 +358,7 @@ impl Precise {
         s.flags[out] = flags;
         s.rival_ratio[out] = rival;
         s.sigma_px[out] = sigma as f32;
-        s.amplitude[out] = (fit.flux / (fit.width * (2.0 * std::f64::consts::PI).sqrt())) as f32;
-        s.width_px[out] = fit.width as f32;
-        s.background[out] = fit.background as f32;
-        s.chi2[out] = (fit.chi2 / fit.freedom.max(1.0)) as f32;
+        verdict::write(s, out, &fit);
     }
 
     /// Flux of the fit on a line of the region, if there is one.
@@ -468,7 +436,7 @@ impl Precise {
             let four = [a, b, c, d];
             let close = four
                 .windows(2)
-                .all(|p| (p[0].centre - p[1].centre).abs() < SPACING as f64 * f64::from(RUN_STEP.0));
+                .all(|p| (p[0].centre - p[1].centre).abs() < SPACING as f64 * f64::from(run_reach(0.0)));
             if close && smooth[i..=i + 3 * SPACING].iter().all(|s| *s) {
                 let difference = a.centre - 3.0 * b.centre + 3.0 * c.centre - d.centre;
                 let sum =
@@ -630,7 +598,7 @@ fn width_prior(ln_widths: &mut [f64]) -> Option<WidthPrior> {
 }
 
 /// Upper median; 0 for an empty slice.
-fn median(values: &mut [f64]) -> f64 {
+pub(crate) fn median(values: &mut [f64]) -> f64 {
     if values.is_empty() {
         return 0.0;
     }

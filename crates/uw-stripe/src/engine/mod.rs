@@ -98,6 +98,15 @@ impl<P: Pixel> Job<'_, P> {
         }
     }
 
+    /// Grey value of a pixel of a line, both counted from the region's first, DN.
+    fn dn(&self, line: usize, pixel: usize) -> f32 {
+        let (x, y) = match self.axis {
+            Axis::PerRow => (pixel, line),
+            Axis::PerColumn => (line, pixel),
+        };
+        self.image.row(self.roi.y + y)[self.roi.x + x].dn()
+    }
+
     /// Lines in the region.
     fn lines(&self) -> usize {
         self.axis.lines(self.roi.width, self.roi.height)

@@ -4,27 +4,19 @@ use fearless_simd::dispatch;
 
 use super::front::NOWHERE;
 use super::{Buffers, Engine, Job};
+use crate::Pixel;
 use crate::lines::{Clip, Line};
 use crate::mle::{self, Fit, Start, WidthPrior};
 use crate::peak::{Candidate, Candidates};
 use crate::precise::WINDOW;
 use crate::profile::{Flags, Reject, Stripe};
-use crate::track::{Tracker, go_on, keep_runs};
-use crate::{Axis, Pixel};
+use crate::track::{Tracker, go_on};
+use crate::verdict::{self, LEAST_RUN, run_reach};
 
 /// Share of the taken peak's height from which another counts as a rival.
 const RIVAL_SHARE: f32 = 0.15;
 /// Prior sigma of ln width in the refinement: weak.
 const WIDTH_SIGMA: f64 = 0.35;
-/// Degrees of freedom with which chi-square = 1 is believed before any pixel is seen.
-const CHI2_PRIOR_FREEDOM: f64 = 6.0;
-/// Reduced chi-square beyond which a fit is flagged as poor.
-const POOR_CHI2: f64 = 4.0;
-/// Skewness, in sigmas and absolute, beyond which a profile counts as lopsided.
-const SKEW: (f64, f64) = (4.0, 0.25);
-/// Lines that must agree with each other, and the longest step between neighbours: pixels plus widths.
-const LEAST_RUN: usize = 3;
-const RUN_STEP: (f32, f32) = (3.0, 2.0);
 
 /// Buffers for second candidates and refinement.
 #[derive(Debug)]
@@ -119,17 +111,14 @@ impl Engine {
         const SIGMAS: f64 = 4.0;
         let (first_line, first_pixel, length) = job.origin();
         let position = &stripe.position_px[first_line..first_line + job.lines()];
-        let reach = RUN_STEP.0 + RUN_STEP.1 * self.model.width_px;
+        let reach = run_reach(self.model.width_px);
         if position.windows(2).all(|p| (p[1] - p[0]).abs() <= reach) {
             return false;
         }
         places.fill(NOWHERE);
         let arm = (3.5 * self.model.width_px).ceil() as usize;
         let look = |line: usize, expected: f32| {
-            let value = |i: usize| match job.axis {
-                Axis::PerRow => job.image.row(job.roi.y + line)[job.roi.x + i].dn(),
-                Axis::PerColumn => job.image.row(job.roi.y + i)[job.roi.x + line].dn(),
-            };
+            let value = |i: usize| job.dn(line, i);
             let expected = expected - first_pixel as f32;
             let from = (expected - reach).ceil().max(0.0) as usize;
             let to = ((expected + reach).max(-1.0) + 1.0) as usize;
@@ -228,14 +217,8 @@ impl Engine {
         let Second { value, clip, .. } = &mut self.second;
         value.clear();
         clip.clear();
-        let image = &job.image;
-        let offset = line - first_line;
         for i in from..to {
-            let v = match job.axis {
-                Axis::PerRow => image.row(job.roi.y + offset)[job.roi.x + i],
-                Axis::PerColumn => image.row(job.roi.y + i)[job.roi.x + offset],
-            }
-            .dn();
+            let v = job.dn(line - first_line, i);
             value.push(v);
             clip.push(Clip::of(v, model.noise.full_scale_dn));
         }
@@ -249,27 +232,17 @@ impl Engine {
     /// Writes a refined line, with the verdict on it.
     fn replace<P: Pixel>(&self, job: Job<'_, P>, line: usize, fit: &Fit, stripe: &mut Stripe) {
         let (_, first_pixel, length) = job.origin();
-        let scale = (CHI2_PRIOR_FREEDOM + fit.chi2) / (CHI2_PRIOR_FREEDOM + fit.freedom);
-        let sigma = fit.sigma * scale.sqrt();
+        let sigma = fit.sigma * verdict::chi2_scale(fit).sqrt();
         let filtered = f64::from(stripe.position_px[line]) - first_pixel as f64;
         let local = fit.centre + self.start(filtered, length) as f64;
         let position = local + first_pixel as f64;
         // What the filters lacked is in the fit, or was clipped.
-        let mut flags = stripe.flags[line].without(Flags::EDGE);
-        let mut set = |flag, on| flags |= if on { flag } else { Flags::NONE };
-        set(Flags::SATURATED, fit.saturated > 0);
-        set(Flags::NOT_CONVERGED, !fit.converged);
-        set(Flags::POOR_FIT, fit.chi2 > POOR_CHI2 * fit.freedom.max(1.0));
-        set(Flags::EDGE, fit.skew_snr.abs() > SKEW.0 * scale.sqrt() && fit.skew.abs() > SKEW.1);
-        stripe.flags[line] = flags;
+        stripe.flags[line] = stripe.flags[line].without(Flags::EDGE) | verdict::flags(fit);
         stripe.position_px[line] = position as f32;
         stripe.sigma_px[line] = sigma as f32;
-        stripe.amplitude[line] = (fit.flux / (fit.width * (2.0 * std::f64::consts::PI).sqrt())) as f32;
-        stripe.width_px[line] = fit.width as f32;
-        stripe.background[line] = fit.background as f32;
-        stripe.chi2[line] = (fit.chi2 / fit.freedom.max(1.0)) as f32;
+        verdict::write(stripe, line, fit);
         let pixel = self.model.noise.variance(fit.background.max(0.0), 0.0);
-        let snr = fit.flux / (pixel * 2.0 * std::f64::consts::PI.sqrt() * fit.width).sqrt();
+        let snr = verdict::snr(fit, pixel);
         stripe.reject[line] = None;
         let clipped = fit.saturated > 0;
         let reason = if snr.is_nan() || snr < f64::from(self.model.min_snr) {
@@ -292,7 +265,7 @@ impl Engine {
     pub(super) fn company<P: Pixel>(&mut self, job: Job<'_, P>, stripe: &mut Stripe) {
         let (first_line, _, _) = job.origin();
         let lines = first_line..first_line + job.lines();
-        let reach = RUN_STEP.0 + RUN_STEP.1 * self.model.width_px;
+        let reach = run_reach(self.model.width_px);
         // Nearly always one run from end to end: then there is nothing to keep book of.
         let position = &stripe.position_px[lines.clone()];
         let mut smooth = position.len() >= LEAST_RUN;
@@ -302,15 +275,7 @@ impl Engine {
         if smooth {
             return;
         }
-        let width = &stripe.width_px[lines.clone()];
-        let reach = |i: usize| RUN_STEP.0 + RUN_STEP.1 * width[i].max(0.0);
-        let least = LEAST_RUN.min(lines.len());
-        keep_runs(position, reach, |_| true, least, &mut self.second.keep);
-        for (line, keep) in lines.zip(&self.second.keep) {
-            if !keep && stripe.reject[line].is_none() {
-                stripe.drop_line(line, Reject::Inconsistent);
-            }
-        }
+        verdict::drop_lonely(stripe, lines, |_| true, &mut self.second.keep);
     }
 }
 
