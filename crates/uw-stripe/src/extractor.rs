@@ -89,6 +89,16 @@ impl Extractor {
         image: View<'_, P>,
         background: Option<View<'_, P>>,
     ) -> Result<&Stripe, StripeError> {
+        P::extract(self, image, background)?;
+        Ok(&self.stripe)
+    }
+
+    /// Fills `self.stripe`.
+    pub(crate) fn extract_pixels<P: Pixel>(
+        &mut self,
+        image: View<'_, P>,
+        background: Option<View<'_, P>>,
+    ) -> Result<(), StripeError> {
         let kind = match self.options.method {
             Method::Fast => Kind::Fast,
             Method::Robust | Method::Ridge | Method::Precise => Kind::Robust,
@@ -96,7 +106,7 @@ impl Extractor {
             Method::BlaisRioux => Kind::BlaisRioux,
         };
         let precise = self.options.method == Method::Precise || background.is_some();
-        if precise || (self.engine.is_none() && !self.learn(image)?) {
+        if precise || (self.engine.is_none() && !self.learn_pixels(image)?) {
             self.precise.extract(image, background, &mut self.stripe)?;
         } else {
             let roi = self.options.roi.unwrap_or(image.bounds()).check(image.width(), image.height())?;
@@ -114,7 +124,7 @@ impl Extractor {
             let lines = 0..self.stripe.len();
             self.pool.apply(&mut self.stripe, lines, f64::from(sigma_lines), |_| POOLED_STEP_PX);
         }
-        Ok(&self.stripe)
+        Ok(())
     }
 
     /// Learns noise and width, those that the settings do not give, from `image`; false where it shows too little of a stripe.
@@ -122,6 +132,10 @@ impl Extractor {
     /// # Errors
     /// [`StripeError`] when the region does not fit the image.
     pub fn learn<P: Pixel>(&mut self, image: View<'_, P>) -> Result<bool, StripeError> {
+        P::learn(self, image)
+    }
+
+    pub(crate) fn learn_pixels<P: Pixel>(&mut self, image: View<'_, P>) -> Result<bool, StripeError> {
         let Some((noise, width)) = self.precise.learn(image)? else { return Ok(false) };
         self.set(noise, self.options.width_px.unwrap_or(width as f32));
         Ok(true)
@@ -156,6 +170,13 @@ impl Extractor {
     pub fn estimate_noise<'a, P: Pixel>(
         &mut self,
         images: impl IntoIterator<Item = View<'a, P>>,
+    ) -> Result<NoiseModel, StripeError> {
+        P::estimate_noise(self, &mut images.into_iter())
+    }
+
+    pub(crate) fn estimate_noise_pixels<'a, P: Pixel>(
+        &mut self,
+        images: &mut dyn Iterator<Item = View<'a, P>>,
     ) -> Result<NoiseModel, StripeError> {
         self.precise.estimate_noise(images)
     }

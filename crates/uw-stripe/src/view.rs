@@ -3,9 +3,52 @@
 use crate::StripeError;
 
 mod sealed {
-    pub trait Sealed: crate::engine::lanes::Lanes {}
-    impl Sealed for u8 {}
-    impl Sealed for u16 {}
+    use super::View;
+    use crate::engine::lanes::Lanes;
+    use crate::{Extractor, NoiseModel, StripeError};
+
+    /// The generic work under concrete names, so that it is compiled once, here, and not again in every crate that calls it.
+    pub trait Sealed: Lanes {
+        fn extract(
+            extractor: &mut Extractor,
+            image: View<'_, Self>,
+            background: Option<View<'_, Self>>,
+        ) -> Result<(), StripeError>;
+        fn learn(extractor: &mut Extractor, image: View<'_, Self>) -> Result<bool, StripeError>;
+        fn estimate_noise(
+            extractor: &mut Extractor,
+            images: &mut dyn Iterator<Item = View<'_, Self>>,
+        ) -> Result<NoiseModel, StripeError>;
+        fn brightest(image: &View<'_, Self>) -> f32;
+    }
+
+    macro_rules! concrete {
+        ($pixel:ty) => {
+            impl Sealed for $pixel {
+                fn extract(
+                    extractor: &mut Extractor,
+                    image: View<'_, Self>,
+                    background: Option<View<'_, Self>>,
+                ) -> Result<(), StripeError> {
+                    extractor.extract_pixels(image, background)
+                }
+                fn learn(extractor: &mut Extractor, image: View<'_, Self>) -> Result<bool, StripeError> {
+                    extractor.learn_pixels(image)
+                }
+                fn estimate_noise(
+                    extractor: &mut Extractor,
+                    images: &mut dyn Iterator<Item = View<'_, Self>>,
+                ) -> Result<NoiseModel, StripeError> {
+                    extractor.estimate_noise_pixels(images)
+                }
+                fn brightest(image: &View<'_, Self>) -> f32 {
+                    crate::engine::brightest_pixel(image)
+                }
+            }
+        };
+    }
+    concrete!(u8);
+    concrete!(u16);
 }
 
 /// A grey value as cameras deliver it: `u8`, or `u16` (right-justified where fewer bits are significant).

@@ -173,6 +173,10 @@ impl Engine {
 /// The largest grey value of an image: nothing but a read, in the instructions of the processor at hand; what the kernels' speed is
 /// compared with.
 pub fn brightest<P: Pixel>(image: &View<'_, P>) -> f32 {
+    P::brightest(image)
+}
+
+pub(crate) fn brightest_pixel<P: Pixel>(image: &View<'_, P>) -> f32 {
     let level = Level::new();
     dispatch!(level, simd => front::read(simd, image, image.bounds())).dn()
 }
