@@ -12,5 +12,6 @@ pub use error::{Error, Failure, Notes};
 pub use uw_calib as calib;
 pub use uw_cloud as cloud;
 pub use uw_geom as geom;
+pub use uw_hw as hw;
 pub use uw_io as io;
 pub use uw_stripe as stripe;

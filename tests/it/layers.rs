@@ -7,10 +7,11 @@ use std::collections::{BTreeMap, BTreeSet};
 const ALLOWED: &[(&str, &[&str])] = &[
     ("uw-geom", &[]),
     ("uw-stripe", &[]),
+    ("uw-hw", &[]),
     ("uw-calib", &["uw-geom"]),
     ("uw-cloud", &["uw-geom"]),
     ("uw-io", &["uw-calib", "uw-cloud", "uw-geom"]),
-    ("uwscan", &["uw-calib", "uw-cloud", "uw-geom", "uw-io", "uw-stripe"]),
+    ("uwscan", &["uw-calib", "uw-cloud", "uw-geom", "uw-hw", "uw-io", "uw-stripe"]),
     ("uw-cli", &["uwscan"]),
 ];
 
@@ -24,6 +25,7 @@ const TERMINAL: &[&str] =
 const NEVER: &[(&str, &[&[&str]])] = &[
     ("uw-geom", &[FILES, CLOCKS_AND_CHANCE, LOGS, TERMINAL, &["serde"]]),
     ("uw-stripe", &[FILES, CLOCKS_AND_CHANCE, LOGS, TERMINAL, &["serde"]]),
+    ("uw-hw", &[&["csv", "image", "toml"], LOGS, TERMINAL]),
     ("uw-calib", &[FILES, CLOCKS_AND_CHANCE, LOGS, TERMINAL]),
     ("uw-cloud", &[FILES, CLOCKS_AND_CHANCE, LOGS, TERMINAL, &["serde"]]),
     ("uw-io", &[TERMINAL]),
