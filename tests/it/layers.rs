@@ -10,6 +10,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("uw-hw", &[]),
     ("uw-calib", &["uw-geom"]),
     ("uw-cloud", &["uw-geom"]),
+    ("uw-sim", &["uw-geom"]),
     ("uw-io", &["uw-calib", "uw-cloud", "uw-geom"]),
     ("uwscan", &["uw-calib", "uw-cloud", "uw-geom", "uw-hw", "uw-io", "uw-stripe"]),
     ("uw-cli", &["uwscan"]),
@@ -28,6 +29,8 @@ const NEVER: &[(&str, &[&[&str]])] = &[
     ("uw-hw", &[&["csv", "image", "toml"], LOGS, TERMINAL]),
     ("uw-calib", &[FILES, CLOCKS_AND_CHANCE, LOGS, TERMINAL]),
     ("uw-cloud", &[FILES, CLOCKS_AND_CHANCE, LOGS, TERMINAL, &["serde"]]),
+    // Its noise is drawn from seeds; the time of an exposure is given to it.
+    ("uw-sim", &[FILES, LOGS, TERMINAL, &["serde"]]),
     ("uw-io", &[TERMINAL]),
     ("uwscan", &[TERMINAL]),
 ];
