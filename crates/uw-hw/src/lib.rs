@@ -8,6 +8,8 @@
 //! | [`clock`] | clocks that are given, not read: the system's, and one that a test moves |
 //! | [`limits`] | voltage range and slew, enforced once: no voltage reaches a drive but through [`GuardedGalvo`] |
 //! | [`camera`] | what cameras have in common: ids that roll over, losses counted |
+//! | [`interlock`] | laser off and mirror parked on every way out |
+//! | [`sweep`] | which voltages, in which way, and what the mirror makes of it |
 //! | [`mock`] | scripted devices with faults |
 //!
 //! Nothing here decides what a scan is for, logs, or knows a file.
@@ -16,8 +18,10 @@ pub mod camera;
 pub mod clock;
 pub mod fault;
 pub mod frame;
+pub mod interlock;
 pub mod limits;
 pub mod mock;
+pub mod sweep;
 pub mod traits;
 
 pub use clock::{Clock, ClockStep, Deadline, ManualClock, StepWatch, SystemClock, Timeline};

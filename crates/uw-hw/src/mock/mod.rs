@@ -237,6 +237,11 @@ impl Mock {
         self.lock().script.clear();
     }
 
+    /// How many calls of a device were made so far: the number of the next one.
+    pub fn calls(&self, device: Device) -> u64 {
+        self.lock().calls[device as usize]
+    }
+
     /// Ends keeping [events](Self::events), for tests of many frames.
     pub fn keep_no_events(&self) {
         let mut state = self.lock();
