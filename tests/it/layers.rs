@@ -1,6 +1,6 @@
 //! Which crate may know which: docs/adr/0001-layers.md, held against `cargo metadata`.
 
-use cargo_metadata::{DependencyKind, Metadata, MetadataCommand, PackageId};
+use cargo_metadata::{DependencyKind, Metadata, MetadataCommand, PackageId, Target};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Every crate of the workspace and the crates of the workspace that it may depend on, tests and benches included.
@@ -86,7 +86,10 @@ fn reached(metadata: &Metadata, root: &str) -> BTreeMap<String, Vec<String>> {
                 let mut way = ways[id].clone();
                 way.push(metadata[&dependency.pkg].name.to_string());
                 ways.insert(&dependency.pkg, way);
-                open.push(&dependency.pkg);
+                // What a procedural macro is made with runs in the compiler, and is not in what is built.
+                if !metadata[&dependency.pkg].targets.iter().any(Target::is_proc_macro) {
+                    open.push(&dependency.pkg);
+                }
             }
         }
     }

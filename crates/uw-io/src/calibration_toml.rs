@@ -56,10 +56,7 @@ pub struct CaptureSource {
 }
 
 fn medium_name<S: Serializer>(medium: &Medium, to: S) -> Result<S::Ok, S::Error> {
-    to.serialize_str(match medium {
-        Medium::Air => "air",
-        Medium::Water => "water",
-    })
+    to.serialize_str(medium.name())
 }
 
 /// Something that a calibration can't be: the dotted key, what is wrong, and how to mend it.
@@ -83,11 +80,22 @@ impl Fault {
 /// [`Error`] where the file cannot be read, is of another format or a later version, holds an unknown key, or what no
 /// calibration holds: numbers that are not finite, axes that are not square to each other, a covariance that is none.
 pub fn read(path: &Path) -> Result<(CalibrationFile, Vec<Problem>), Error> {
-    let file = TomlFile::read(path, FORMAT, VERSION)?;
+    checked(&TomlFile::read(path, FORMAT, VERSION)?)
+}
+
+/// The calibration in a file's text, as [`read`]; `path` names it in errors.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(path: &Path, text: &str) -> Result<(CalibrationFile, Vec<Problem>), Error> {
+    checked(&TomlFile::of_text(path, text.to_owned(), FORMAT, VERSION)?)
+}
+
+fn checked(file: &TomlFile) -> Result<(CalibrationFile, Vec<Problem>), Error> {
     let at_place = |fault: Fault| file.error(&fault.key, fault.what, fault.mend);
     check::finite("", &file.parse::<toml::Table>()?.into()).map_err(at_place)?;
     let mut record: Record = file.parse()?;
-    let problems = record.rig.check(&file, "rig.")?;
+    let problems = record.rig.check(file, "rig.")?;
     check::record(&record).map_err(at_place)?;
     Ok((record.into_file().map_err(at_place)?, problems))
 }

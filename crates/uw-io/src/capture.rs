@@ -32,6 +32,21 @@ pub enum Kind {
     Scan,
 }
 
+impl Kind {
+    /// The kind's name as files carry it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Calibration => "calibration",
+            Self::Scan => "scan",
+        }
+    }
+
+    /// The kind of this name; `None` where there is none.
+    pub fn from_name(name: &str) -> Option<Self> {
+        [Self::Calibration, Self::Scan].into_iter().find(|kind| kind.name() == name)
+    }
+}
+
 /// What is outside the ports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -40,6 +55,21 @@ pub enum Medium {
     Air,
     /// Submerged.
     Water,
+}
+
+impl Medium {
+    /// The medium's name as files carry it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Air => "air",
+            Self::Water => "water",
+        }
+    }
+
+    /// The medium of this name; `None` where there is none.
+    pub fn from_name(name: &str) -> Option<Self> {
+        [Self::Air, Self::Water].into_iter().find(|medium| medium.name() == name)
+    }
 }
 
 /// The kind of target.

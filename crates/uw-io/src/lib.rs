@@ -22,6 +22,7 @@ mod error;
 mod frames;
 pub mod images;
 pub mod ply;
+pub mod recording;
 pub mod rig;
 mod text;
 mod toml_file;

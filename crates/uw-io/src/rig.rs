@@ -117,9 +117,20 @@ impl Rig {
     /// [`Error`] where the file cannot be read, is of another format or a later version, holds an unknown key, or a
     /// value that no instrument has.
     pub fn read(path: &Path) -> Result<(Self, Vec<Problem>), Error> {
-        let file = TomlFile::read(path, FORMAT, VERSION)?;
+        Self::checked(&TomlFile::read(path, FORMAT, VERSION)?)
+    }
+
+    /// The rig in a file's text, as [`Rig::read`]; `path` names it in errors.
+    ///
+    /// # Errors
+    /// As [`Rig::read`].
+    pub fn parse(path: &Path, text: &str) -> Result<(Self, Vec<Problem>), Error> {
+        Self::checked(&TomlFile::of_text(path, text.to_owned(), FORMAT, VERSION)?)
+    }
+
+    fn checked(file: &TomlFile) -> Result<(Self, Vec<Problem>), Error> {
         let mut rig: Self = file.parse()?;
-        let warnings = rig.check(&file, "")?;
+        let warnings = rig.check(file, "")?;
         Ok((rig, warnings))
     }
 

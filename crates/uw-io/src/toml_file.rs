@@ -27,7 +27,12 @@ pub(crate) struct TomlFile {
 impl TomlFile {
     /// Reads a file and checks that it declares `format` and a version up to `version`.
     pub fn read(path: &Path, format: &'static str, version: u32) -> Result<Self, Error> {
-        let file = Self { path: path.to_owned(), text: text::read(path, LIMIT)? };
+        Self::of_text(path, text::read(path, LIMIT)?, format, version)
+    }
+
+    /// As [`TomlFile::read`], from the file's text.
+    pub fn of_text(path: &Path, text: String, format: &'static str, version: u32) -> Result<Self, Error> {
+        let file = Self { path: path.to_owned(), text };
         let table = file.table()?;
         let table = table.get_ref();
         match table.get("format").map(Spanned::get_ref) {

@@ -1,0 +1,61 @@
+//! Recordings: one MCAP file a scan or a calibration, with messages that Foxglove, Lichtblick and the Python package `mcap` read
+//! without our code.
+//!
+//! | topic | message | says |
+//! |---|---|---|
+//! | [`topics::FRAME`] | `uwscan.Frame` | an image's row of frames.csv, just before the image |
+//! | [`topics::IMAGE`] | `foxglove.RawImage` or `foxglove.CompressedImage` | the image, lossless |
+//! | [`topics::GALVO`] | `uwscan.GalvoState` | voltage commanded and read back, settled or not |
+//! | [`topics::CALIBRATION`] | `foxglove.CameraCalibration` | the camera, without its window |
+//! | [`topics::PROFILE`] | `uwscan.Profile` | the stripe's centres in one image |
+//! | [`topics::POINTS`] | `foxglove.PointCloud` | points, metres |
+//! | [`topics::TRANSFORMS`] | `foxglove.FrameTransforms` | the galvanometer in the camera's frame; where the instrument is |
+//! | [`topics::POSE`] | `foxglove.PoseInFrame` | what a navigation system said |
+//! | [`topics::ENVIRONMENT`] | `uwscan.Environment` | temperature, salinity, depth, index |
+//! | [`topics::LOG`] | `foxglove.Log` | what went wrong, and when |
+//!
+//! `log_time` is when a message was received, `publish_time` when its image was exposed. A [`Recorder`] writes;
+//! [`crate::Capture`] reads, a file that was cut off, too.
+//!
+//! The types of the crates `mcap` and `foxglove` stay in here: their interfaces are not settled yet.
+
+mod encode;
+mod entries;
+mod head;
+mod messages;
+mod output;
+mod recorder;
+mod sink;
+
+pub use entries::{Environment, GalvoState, Level, Picture, Pose, Shot, Stripe};
+pub use head::Head;
+pub use output::{Compression, Counts, Options};
+pub use recorder::Recorder;
+pub use sink::Sink;
+
+/// The ending of a recording's name, without the dot.
+pub const ENDING: &str = "mcap";
+
+/// The topics of a recording.
+pub mod topics {
+    /// Rows of frames.csv.
+    pub const FRAME: &str = "/scan/frame";
+    /// Images.
+    pub const IMAGE: &str = "/camera/image";
+    /// The camera's calibration.
+    pub const CALIBRATION: &str = "/camera/calibration";
+    /// The galvanometer.
+    pub const GALVO: &str = "/galvo/state";
+    /// Stripes.
+    pub const PROFILE: &str = "/scan/profile";
+    /// Points.
+    pub const POINTS: &str = "/scan/points";
+    /// Frames in each other.
+    pub const TRANSFORMS: &str = "/tf";
+    /// The vehicle.
+    pub const POSE: &str = "/nav/pose";
+    /// The water.
+    pub const ENVIRONMENT: &str = "/environment";
+    /// Messages for people.
+    pub const LOG: &str = "/log";
+}
