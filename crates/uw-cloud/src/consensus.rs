@@ -2,12 +2,25 @@
 
 use crate::fit::{Surface, refine};
 use crate::robust::{Random, ranked};
-use crate::sample::Sample;
+use crate::sample::{Observation, Sample};
 use nalgebra::Vector3;
 
-/// Share of the points, beyond those that any shape passes through, that has to agree with the start: up to seven
-/// tenths may be outliers.
-const AGREEING_SHARE: f64 = 0.3;
+/// A share of the points, beyond those that any shape passes through, and Φ⁻¹ at (1 + share) / 2: the residual that so many of a
+/// Gaussian stay below, in sigmas.
+#[derive(Clone, Copy)]
+struct Share {
+    of_points: f64,
+    quantile: f64,
+}
+
+/// What has to agree with the start: up to seven tenths may be outliers.
+const AGREEING: Share = Share { of_points: 0.3, quantile: 0.385_320_466 };
+
+/// What has to agree where three tenths do exactly.
+const MAJORITY: Share = Share { of_points: 0.55, quantile: 0.755_415_026 };
+
+/// Scatter in units of the coordinates' rounding up to which a fit is exact.
+const EXACT: f64 = 4.0;
 
 /// Samples tried. With seven tenths outliers one in 120 samples of four is sound; five of 600 are on average.
 const TRIALS: usize = 600;
@@ -18,9 +31,6 @@ const COMPARED: usize = 500;
 /// Concentration steps after the best sample (P. Rousseeuw, K. van Driessen, Technometrics 41 (1999) 212).
 const CONCENTRATIONS: usize = 10;
 
-/// Φ⁻¹ at (1 + 0.3) / 2: the residual that three tenths of a Gaussian stay below, in sigmas.
-const AGREEING_QUANTILE: f64 = 0.385_320_466;
-
 /// A shape to begin with and the orthogonal scatter of the points about it, mm (rather too large than too small).
 pub(crate) struct Start<S> {
     /// The shape.
@@ -29,22 +39,54 @@ pub(crate) struct Start<S> {
     pub(crate) scatter_mm: f64,
 }
 
+/// How starts are searched.
+#[derive(Clone, Copy)]
+pub(crate) struct Search {
+    /// Points of a minimal sample.
+    pub(crate) size: usize,
+    /// Best samples that are improved by concentration, to take the best of those.
+    pub(crate) starts: usize,
+    /// Seed of the samples.
+    pub(crate) seed: u64,
+}
+
 /// Returns the shape with the smallest 30 % quantile of orthogonal distances (least quantile of squares, Rousseeuw
 /// 1984), out of shapes through random samples, improved by concentration; `None` where no sample gives a shape.
 ///
 /// It needs no scale. Judged by three tenths of the points it stands seven tenths of outliers. `through` returns the
-/// shapes through a minimal sample of `size` points.
+/// shapes through a minimal sample, given by the positions of its points in the sample.
+///
+/// Coordinates that stand on a grid lie on shapes exactly by chance, in groups: an exact fit says nothing of the others'
+/// scatter. One is believed of a majority only, or else the shape is judged by a majority's quantile.
 pub(crate) fn consensus<S: Surface<P>, const P: usize>(
     sample: &Sample,
-    size: usize,
-    seed: u64,
-    through: impl Fn(&[Vector3<f64>]) -> Vec<S>,
+    search: Search,
+    through: impl Fn(&[usize]) -> Vec<S>,
+) -> Option<Start<S>> {
+    let start = judged_by(sample, search, AGREEING, &through)?;
+    if start.scatter_mm > EXACT * sample.resolution_mm {
+        return Some(start);
+    }
+    let exact = |o: &&Observation| start.surface.distance(&o.point).abs() <= sample.resolution_mm;
+    let agreeing = sample.observations.iter().filter(exact).count().saturating_sub(P);
+    if 2 * agreeing > sample.observations.len().saturating_sub(P) {
+        return Some(start);
+    }
+    judged_by(sample, search, MAJORITY, &through)
+}
+
+/// Returns the start of least quantile at a share of the points.
+fn judged_by<S: Surface<P>, const P: usize>(
+    sample: &Sample,
+    search: Search,
+    share: Share,
+    through: &impl Fn(&[usize]) -> Vec<S>,
 ) -> Option<Start<S>> {
     let observations = &sample.observations;
-    let mut random = Random::new(seed);
+    let mut random = Random::new(search.seed);
     let agreeing = |count: usize| {
         let excess = count.saturating_sub(P);
-        P + ((excess as f64 * AGREEING_SHARE).ceil() as usize).max(excess.min(1))
+        P + ((excess as f64 * share.of_points).ceil() as usize).max(excess.min(1))
     };
     let compared: Vec<Vector3<f64>> = if observations.len() <= COMPARED {
         observations.iter().map(|o| o.point).collect()
@@ -59,24 +101,32 @@ pub(crate) fn consensus<S: Surface<P>, const P: usize>(
         }
         ranked(&mut distances, rank).filter(|q| q.is_finite())
     };
-    let mut best: Option<(f64, S)> = None;
+    let mut best: Vec<(f64, S)> = Vec::new();
     for _ in 0..TRIALS {
-        let minimal: Vec<_> = (0..size)
-            .filter_map(|_| observations.get(random.below(observations.len())))
-            .map(|o| o.point)
-            .collect();
+        let minimal: Vec<usize> = (0..search.size).map(|_| random.below(observations.len())).collect();
         for surface in through(&minimal) {
-            if let Some(q) = quantile(&surface)
-                && best.as_ref().is_none_or(|(least, _)| q < *least)
-            {
-                best = Some((q, surface));
+            let Some(q) = quantile(&surface) else { continue };
+            if best.len() < search.starts || best.last().is_some_and(|(worst, _)| q < *worst) {
+                let place = best.partition_point(|(other, _)| *other <= q);
+                best.insert(place, (q, surface));
+                best.truncate(search.starts);
             }
         }
     }
-    let (_, mut surface) = best?;
     let count = agreeing(observations.len()).min(observations.len());
+    let concentrated = best.into_iter().filter_map(|(_, surface)| concentrate(sample, surface, count));
+    let (scatter_mm, surface) = concentrated.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    // With few points the sample passes through most of those that agree; Rousseeuw's 1 + 5/(n − p) makes up for it.
+    let spare = observations.len().saturating_sub(P).max(1) as f64;
+    Some(Start { surface, scatter_mm: scatter_mm / share.quantile * (1.0 + 5.0 / spare) })
+}
+
+/// Returns the shape fitted again and again to the `count` points nearest to it, and the distance of the farthest of them.
+fn concentrate<S: Surface<P>, const P: usize>(sample: &Sample, start: S, count: usize) -> Option<(f64, S)> {
+    let observations = &sample.observations;
+    let mut surface = start.clone();
     let mut scatter_mm = f64::INFINITY;
-    let mut candidate = surface.clone();
+    let mut candidate = start;
     for _ in 0..CONCENTRATIONS {
         let mut nearest: Vec<(f64, usize)> =
             observations.iter().enumerate().map(|(i, o)| (candidate.distance(&o.point).abs(), i)).collect();
@@ -92,7 +142,5 @@ pub(crate) fn consensus<S: Surface<P>, const P: usize>(
             None => break,
         }
     }
-    // With few points the sample passes through most of those that agree; Rousseeuw's 1 + 5/(n − p) makes up for it.
-    let spare = observations.len().saturating_sub(P).max(1) as f64;
-    Some(Start { surface, scatter_mm: scatter_mm / AGREEING_QUANTILE * (1.0 + 5.0 / spare) })
+    Some((scatter_mm, surface))
 }

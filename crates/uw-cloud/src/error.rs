@@ -22,6 +22,12 @@ pub enum CloudError {
         /// Which point, from 0.
         index: usize,
     },
+    /// More points than an index of neighbours can hold.
+    #[error("{got} points are more than can be indexed (2³² − 1)")]
+    TooMany {
+        /// Points given.
+        got: usize,
+    },
 }
 
 /// Why a shape was not fitted.

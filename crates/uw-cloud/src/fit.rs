@@ -31,6 +31,7 @@
 //! Q the covariance of the foot along the surface. Where that reaches half of A in any direction, the points do not
 //! determine the shape and there is no result; below that it is taken off A.
 
+use crate::deviations::{Deviations, Influence, InfluencePoint};
 use crate::error::FitError;
 use crate::floor::{Floor, noise_floor};
 use crate::newton::{MAX_ITERATIONS, Normal, minimise};
@@ -51,7 +52,11 @@ const LEAST_BLOCKS: usize = 30;
 /// Change of the floor's logarithm that no longer matters: less than a step of its search.
 const FLOOR_TOLERANCE: f64 = 0.2;
 
+/// Points that a fit tells the influence of: so many, evenly spread, stand for all.
+const INFLUENTIAL: usize = 4096;
+
 /// Where a point belongs on a surface, under its own covariance.
+#[derive(Clone, Copy)]
 pub(crate) struct Foot<const P: usize> {
     /// Residual along the normal, λ nᵀVn, mm; positive where the point is on the normal's side.
     pub(crate) residual_mm: f64,
@@ -70,7 +75,30 @@ impl<const P: usize> Foot<P> {
     }
 }
 
-/// A surface with `P` free parameters θ.
+/// A point's foot, and its residual in a second direction where the shape is a curve.
+#[derive(Clone, Copy)]
+pub(crate) struct Feet<const P: usize>(Foot<P>, Option<Foot<P>>);
+
+impl<const P: usize> Feet<P> {
+    fn of<S: Surface<P>>(surface: &S, observation: &Observation, floor_mm: f64) -> Self {
+        Self(surface.foot(observation, floor_mm), surface.second_foot(observation, floor_mm))
+    }
+
+    fn each(&self) -> impl Iterator<Item = &Foot<P>> {
+        std::iter::once(&self.0).chain(&self.1)
+    }
+
+    /// Returns the Mahalanobis distance, not negative.
+    fn distance(&self) -> f64 {
+        self.each().map(|f| f.distance().powi(2)).sum::<f64>().sqrt()
+    }
+
+    fn residual_mm(&self) -> f64 {
+        self.each().map(|f| f.residual_mm.powi(2)).sum::<f64>().sqrt()
+    }
+}
+
+/// A surface (or curve) with `P` free parameters θ.
 pub(crate) trait Surface<const P: usize>: Clone {
     /// What it is called in messages.
     const NAME: &'static str;
@@ -84,32 +112,14 @@ pub(crate) trait Surface<const P: usize>: Clone {
     /// Returns G, the derivatives of ∂F/∂θ by the foot's position along the surface.
     fn gradient_change(&self, foot: &Foot<P>) -> SMatrix<f64, P, 3>;
 
+    /// Returns the residual in a second direction, for a curve, to which a point can lie beside in two; it is independent of
+    /// the first one.
+    fn second_foot(&self, _: &Observation, _: f64) -> Option<Foot<P>> {
+        None
+    }
+
     /// Returns the surface with its parameters moved by a step.
     fn moved(&self, step: &SVector<f64, P>) -> Self;
-}
-
-/// How far the points lie from the fitted shape, and how many there are.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[non_exhaustive]
-pub struct Deviations {
-    /// Points that the shape was fitted to.
-    pub points: usize,
-    /// Points rejected: farther off than their sigma and the number of points explain.
-    pub outliers: usize,
-    /// Points left out because another one has the same position.
-    pub duplicates: usize,
-    /// Root mean square of the fitted points' orthogonal distances, mm.
-    pub rms_mm: f64,
-    /// Largest orthogonal distance of a fitted point on the outside (for a plane: the sensor's side), mm, not negative.
-    pub max_outside_mm: f64,
-    /// Largest orthogonal distance of a fitted point on the inside, mm, not negative.
-    pub max_inside_mm: f64,
-    /// φ = chi² / dof against the covariances and the noise floor; above 1 the sigmas are widened by its root. `None`
-    /// without covariances, where the points' scatter is the sigma.
-    pub scale: Option<f64>,
-    /// Standard deviation, mm, of what the covariances do not tell (roughness, form error), as estimated
-    /// together with the scale; `None` without covariances.
-    pub floor_mm: Option<f64>,
 }
 
 /// A fitted surface with the covariance of its parameters.
@@ -117,6 +127,8 @@ pub(crate) struct Fitted<S, const P: usize> {
     pub(crate) surface: S,
     pub(crate) covariance: SMatrix<f64, P, P>,
     pub(crate) deviations: Deviations,
+    /// How it follows its points, by the parameters.
+    pub(crate) influence: Influence,
     /// Positions in the sample of the points that were used.
     pub(crate) inliers: Vec<usize>,
     /// Noise floor and scale that it was fitted with.
@@ -142,11 +154,12 @@ fn normal_equations<S: Surface<P>, const P: usize>(
 ) -> Normal<P> {
     let mut normal = Normal::zero();
     for observation in points {
-        let foot = surface.foot(observation, floor_mm);
-        let weighted = foot.gradient / foot.variance_mm2;
-        normal.cost += foot.residual_mm * foot.residual_mm / foot.variance_mm2;
-        normal.gradient += weighted * foot.residual_mm;
-        normal.matrix += weighted * foot.gradient.transpose();
+        for foot in Feet::of(surface, observation, floor_mm).each() {
+            let weighted = foot.gradient / foot.variance_mm2;
+            normal.cost += foot.residual_mm * foot.residual_mm / foot.variance_mm2;
+            normal.gradient += weighted * foot.residual_mm;
+            normal.matrix += weighted * foot.gradient.transpose();
+        }
     }
     normal
 }
@@ -174,32 +187,33 @@ pub(crate) fn fit<S: Surface<P>, const P: usize>(
         let sound: Vec<_> = all.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(o, _)| o).collect();
         surface = refine(surface, &sound, floor.used_mm, sample.resolution_mm)
             .ok_or(FitError::NotConverged { shape: S::NAME, iterations: MAX_ITERATIONS })?;
-        let feet: Vec<_> = all.iter().map(|o| surface.foot(o, floor.used_mm)).collect();
+        let feet: Vec<_> = all.iter().map(|o| Feet::of(&surface, o, floor.used_mm)).collect();
         let kept: Vec<_> = feet.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(f, _)| f).collect();
-        let mut accepted = scale_about_zero(kept.iter().map(|f| f.distance()));
+        let residuals = || kept.iter().flat_map(|f| f.each());
+        let mut accepted = scale_about_zero(residuals().map(Foot::distance));
         let next_floor = if sample.has_covariances {
             // A covariance that is too large by all appearances still says what error was to be expected.
             accepted = accepted.max(1.0);
             let used2 = floor.used_mm * floor.used_mm;
             let residuals: Vec<_> =
-                kept.iter().map(|f| (f.residual_mm, (f.variance_mm2 - used2).max(0.0))).collect();
+                residuals().map(|f| (f.residual_mm, (f.variance_mm2 - used2).max(0.0))).collect();
             noise_floor(&residuals, P, sample.resolution_mm)
         } else {
-            let chi2: f64 = kept.iter().map(|f| f.distance().powi(2)).sum();
-            Floor { scale: chi2 / count.saturating_sub(P).max(1) as f64, ..floor }
+            let chi2: f64 = residuals().map(|f| f.distance().powi(2)).sum();
+            Floor { scale: chi2 / residuals().count().saturating_sub(P).max(1) as f64, ..floor }
         };
-        let sound = |f: &Foot<P>| {
-            f.distance().abs() <= limit * accepted || f.residual_mm.abs() <= sample.resolution_mm
-        };
+        let sound = |f: &Feet<P>| f.distance() <= limit * accepted || f.residual_mm() <= sample.resolution_mm;
         let next: Vec<bool> = feet.iter().map(sound).collect();
         let settled = next == inliers && (next_floor.used_mm / floor.used_mm).ln().abs() < FLOOR_TOLERANCE;
         if settled || round == MAX_ROUNDS {
             // Inliers and weights are those that the surface was fitted with; the estimates are the latest.
             let floor = Floor { used_mm: floor.used_mm, ..next_floor };
             let inliers: Vec<usize> = (0..all.len()).filter(|&i| inliers[i]).collect();
-            let covariance = covariance(&surface, sample, &feet, &inliers, floor)?;
-            let deviations = deviations(&surface, sample, &inliers, floor);
-            return Ok(Fitted { surface, covariance, deviations, inliers, floor });
+            let (covariance, influence) = covariance(&surface, sample, &feet, &inliers, floor)?;
+            let distances: Vec<f64> = inliers.iter().map(|&i| surface.distance(&all[i].point)).collect();
+            let known = sample.has_covariances.then_some(floor);
+            let deviations = Deviations::new(&distances, all.len(), sample.duplicates, known);
+            return Ok(Fitted { surface, covariance, deviations, influence, inliers, floor });
         }
         (inliers, floor) = (next, next_floor);
     }
@@ -210,9 +224,11 @@ pub(crate) fn fit<S: Surface<P>, const P: usize>(
 fn bounded_chi2<S: Surface<P>, const P: usize>(surface: &S, sample: &Sample, floor: Floor) -> f64 {
     let limit = rejection_limit(sample.observations.len());
     let share = |o: &Observation| {
-        let foot = surface.foot(o, floor.used_mm);
-        let variance = (floor.scale * foot.variance_mm2).max(sample.resolution_mm.powi(2));
-        (foot.residual_mm * foot.residual_mm / variance).min(limit * limit)
+        let chi2 = |foot: &Foot<P>| {
+            let variance = (floor.scale * foot.variance_mm2).max(sample.resolution_mm.powi(2));
+            foot.residual_mm * foot.residual_mm / variance
+        };
+        Feet::of(surface, o, floor.used_mm).each().map(chi2).sum::<f64>().min(limit * limit)
     };
     sample.observations.iter().map(share).sum()
 }
@@ -242,31 +258,32 @@ pub(crate) fn rival<S: Surface<P>, const P: usize>(
     Some((other, difference))
 }
 
-/// Returns the covariance of the parameters, as the module's documentation describes.
+/// Returns the covariance of the parameters, as the module's documentation describes, and how they follow the points.
 fn covariance<S: Surface<P>, const P: usize>(
     surface: &S,
     sample: &Sample,
-    feet: &[Foot<P>],
+    feet: &[Feet<P>],
     inliers: &[usize],
     floor: Floor,
-) -> Result<SMatrix<f64, P, P>, FitError> {
+) -> Result<(SMatrix<f64, P, P>, Influence), FitError> {
     let scale = if sample.has_covariances { floor.scale.max(1.0) } else { floor.scale };
     let (used2, likely2) = (floor.used_mm * floor.used_mm, floor.likely_mm * floor.likely_mm);
     let mut information = SMatrix::<f64, P, P>::zeros();
     let mut feigned = SMatrix::<f64, P, P>::zeros();
     let mut scatter = SMatrix::<f64, P, P>::zeros();
     for &i in inliers {
-        let foot = &feet[i];
-        let expected = scale * ((foot.variance_mm2 - used2).max(0.0) + likely2);
-        let square = foot.gradient * foot.gradient.transpose() / foot.variance_mm2;
-        information += square;
-        scatter += square * (expected / foot.variance_mm2);
         let v = sample.observations[i].covariance(floor.likely_mm) * scale;
-        let along = v * foot.normal;
-        let across = foot.normal.dot(&along);
-        let slide = if across > 0.0 { v - along * along.transpose() / across } else { v };
-        let change = surface.gradient_change(foot);
-        feigned += change * slide * change.transpose() / foot.variance_mm2;
+        for foot in feet[i].each() {
+            let expected = scale * ((foot.variance_mm2 - used2).max(0.0) + likely2);
+            let square = foot.gradient * foot.gradient.transpose() / foot.variance_mm2;
+            information += square;
+            scatter += square * (expected / foot.variance_mm2);
+            let along = v * foot.normal;
+            let across = foot.normal.dot(&along);
+            let slide = if across > 0.0 { v - along * along.transpose() / across } else { v };
+            let change = surface.gradient_change(foot);
+            feigned += change * slide * change.transpose() / foot.variance_mm2;
+        }
     }
     let undetermined =
         |noise_share| FitError::Undetermined { shape: S::NAME, noise_share, allowed: MAX_NOISE_SHARE };
@@ -290,22 +307,47 @@ fn covariance<S: Surface<P>, const P: usize>(
         return Err(undetermined(noise_share.min(1.0)));
     }
     let inverse = (information - feigned).try_inverse().ok_or_else(|| undetermined(noise_share))?;
+    let influence = influence(sample, feet, inliers, &(feigned / inliers.len().max(1) as f64))
+        .ok_or_else(|| undetermined(noise_share))?;
     let scatter = with_shared_errors(scatter, sample, feet, inliers);
-    let dof = inliers.len().saturating_sub(P);
+    let dof = inliers.iter().map(|&i| feet[i].each().count()).sum::<usize>().saturating_sub(P);
     let widening =
         if sample.has_covariances && floor.scale <= 1.0 { 1.0 } else { student_widening(dof).powi(2) };
     let covariance = inverse * scatter * inverse * widening;
     if !covariance.iter().all(|c| c.is_finite()) {
         return Err(undetermined(noise_share));
     }
-    Ok((covariance + covariance.transpose()) * 0.5)
+    Ok(((covariance + covariance.transpose()) * 0.5, influence))
+}
+
+/// Returns how the parameters follow the points: by the implicit function theorem on Σ g r / v = 0, a point's step δ moves
+/// them by −A⁻¹ g nᵀδ / v. Every so many-th point stands for its neighbours.
+fn influence<const P: usize>(
+    sample: &Sample,
+    feet: &[Feet<P>],
+    inliers: &[usize],
+    feigned_a_point: &SMatrix<f64, P, P>,
+) -> Option<Influence> {
+    let chosen = || inliers.iter().step_by(inliers.len().div_ceil(INFLUENTIAL).max(1));
+    let mut information = SMatrix::<f64, P, P>::zeros();
+    for foot in chosen().flat_map(|&i| feet[i].each()) {
+        information += foot.gradient * foot.gradient.transpose() / foot.variance_mm2;
+    }
+    let inverse = (information - feigned_a_point * chosen().count() as f64).try_inverse()?;
+    let one = |(&i, foot): (&usize, &Foot<P>)| InfluencePoint {
+        index: sample.observations[i].index,
+        normal: foot.normal.into(),
+        gain: (-(inverse * foot.gradient) / foot.variance_mm2).iter().copied().collect(),
+    };
+    let points = chosen().flat_map(|i| feet[*i].each().map(move |foot| (i, foot))).map(one);
+    Some(Influence { points: points.collect() })
 }
 
 /// Returns the scatter of Σ g r / v, larger where blocks of neighbours on a stripe show more of it than single points.
 fn with_shared_errors<const P: usize>(
     scatter: SMatrix<f64, P, P>,
     sample: &Sample,
-    feet: &[Foot<P>],
+    feet: &[Feet<P>],
     inliers: &[usize],
 ) -> SMatrix<f64, P, P> {
     let image = |i: &usize| sample.observations[*i].image;
@@ -313,8 +355,12 @@ fn with_shared_errors<const P: usize>(
     let mut shared = SMatrix::<f64, P, P>::zeros();
     let stripes = inliers.chunk_by(|a, b| image(a) == image(b)).filter(|stripe| image(&stripe[0]).is_some());
     for block in stripes.flat_map(|stripe| stripe.chunks(BLOCK)) {
-        let pull = |&i: &usize| feet[i].gradient * (feet[i].residual_mm / feet[i].variance_mm2);
-        let sum = block.iter().map(pull).fold(SVector::<f64, P>::zeros(), |a, b| a + b);
+        let pull = |f: &Foot<P>| f.gradient * (f.residual_mm / f.variance_mm2);
+        let sum = block
+            .iter()
+            .flat_map(|&i| feet[i].each())
+            .map(pull)
+            .fold(SVector::<f64, P>::zeros(), |a, b| a + b);
         shared += sum * sum.transpose();
         blocks += 1;
     }
@@ -335,25 +381,4 @@ fn with_shared_errors<const P: usize>(
 /// Returns the matrix with its size in the value, for decompositions that the size in the type rules out.
 fn dynamic<const P: usize>(m: &SMatrix<f64, P, P>) -> DMatrix<f64> {
     DMatrix::from_fn(P, P, |i, j| (m[(i, j)] + m[(j, i)]) * 0.5)
-}
-
-/// Returns the statistics of the inliers' orthogonal distances.
-fn deviations<S: Surface<P>, const P: usize>(
-    surface: &S,
-    sample: &Sample,
-    inliers: &[usize],
-    floor: Floor,
-) -> Deviations {
-    let distances = || inliers.iter().map(|&i| surface.distance(&sample.observations[i].point));
-    let known = |value: f64| sample.has_covariances.then_some(value);
-    Deviations {
-        points: inliers.len(),
-        outliers: sample.observations.len() - inliers.len(),
-        duplicates: sample.duplicates,
-        rms_mm: (distances().map(|d| d * d).sum::<f64>() / inliers.len().max(1) as f64).sqrt(),
-        max_outside_mm: distances().fold(0.0, f64::max),
-        max_inside_mm: distances().fold(0.0, |deepest, d| deepest.max(-d)),
-        scale: known(floor.scale),
-        floor_mm: known(floor.likely_mm * floor.scale.sqrt()),
-    }
 }

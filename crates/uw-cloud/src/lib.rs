@@ -2,7 +2,7 @@
 //!
 //! A [`PointCloud`] holds positions in millimetres and, where its maker gave them, what was measured with each
 //! point and the covariance of its measurement. [`fit_sphere`] and [`fit_plane`] turn one into a shape with
-//! sigmas. How points were made, and the files that they come from, are no concern of this crate.
+//! sigmas, as [`fit_cylinder`] and [`fit_circle`] do. How points were made, and the files that they come from, are no concern of this crate.
 //!
 //! # How a shape is fitted
 //!
@@ -15,19 +15,31 @@
 //! A shape is a `fit::Surface`: its signed distance, the foot of a point under that point's own covariance, and
 //! the derivatives there. Everything else is shared between shapes.
 
+mod circle;
 mod cloud;
 mod consensus;
+mod cylinder;
+mod deviations;
 mod error;
 mod fit;
 mod floor;
+mod neighbours;
 mod newton;
+mod normals;
 mod plane;
 mod robust;
+mod round;
 mod sample;
+mod shapes;
 mod sphere;
 
+pub use circle::{CircleFit, CircleOptions, fit_circle};
 pub use cloud::{CloudPoint, Frame, PointCloud};
+pub use cylinder::{CylinderFit, CylinderOptions, fit_cylinder};
+pub use deviations::{Deviations, Histogram, Influence, InfluencePoint};
 pub use error::{CloudError, FitError};
-pub use fit::Deviations;
+pub use neighbours::Neighbours;
+pub use normals::{LocalPlane, NORMAL_NEIGHBOURS, local_plane, normals};
 pub use plane::{PlaneFit, PlaneOptions, fit_plane};
+pub use shapes::{Relation, Relations, Shape, ShapeFit, ShapeOptions, Shapes, find_shapes, relations};
 pub use sphere::{SphereFit, SphereOptions, fit_sphere};

@@ -1,11 +1,12 @@
 //! The plane.
 
 use crate::cloud::PointCloud;
-use crate::consensus::consensus;
+use crate::consensus::{Search, consensus};
+use crate::deviations::{Deviations, Influence};
 use crate::error::FitError;
-use crate::fit::{Deviations, Foot, Surface, fit};
+use crate::fit::{Fitted, Foot, Surface, fit, refine};
 use crate::sample::{Observation, Sample};
-use nalgebra::{Matrix4, SMatrix, SVector, Unit, Vector3};
+use nalgebra::{DMatrix, Matrix4, SMatrix, SVector, Unit, Vector3};
 
 /// How a plane is fitted.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,6 +41,8 @@ pub struct PlaneFit {
     pub covariance: Matrix4<f64>,
     /// Number of points and their distances.
     pub deviations: Deviations,
+    /// How (n, d) follow the points.
+    pub influence: Influence,
 }
 
 /// Returns the plane that most of a cloud's points lie on, in the cloud's frame, mm.
@@ -63,31 +66,65 @@ pub struct PlaneFit {
 /// ```
 pub fn fit_plane(cloud: &PointCloud, options: &PlaneOptions) -> Result<PlaneFit, FitError> {
     let sample = Sample::new(cloud, Flat::NAME, 3)?;
-    let start = consensus(&sample, 3, options.seed, |p| through_three(p).into_iter().collect())
+    let search = Search { size: 3, starts: 1, seed: options.seed };
+    let start = consensus(&sample, search, |p| through_three(&sample.points(p)).into_iter().collect())
         .ok_or(FitError::Undetermined { shape: Flat::NAME, noise_share: 1.0, allowed: 0.0 })?;
-    // The sign comes first, so that outside means the sensor's side.
-    let towards = start.surface.distance(&(Vector3::from(options.sensor_mm) - sample.centre));
-    let surface = if towards < 0.0 { start.surface.flipped() } else { start.surface };
-    let mut fitted = fit::<Flat, 3>(surface, start.scatter_mm, &sample)?;
-    let towards = fitted.surface.distance(&(Vector3::from(options.sensor_mm) - sample.centre));
+    let sensor = Vector3::from(options.sensor_mm);
+    let surface = start.surface.facing(&(sensor - sample.centre));
+    Ok(result(fit::<Flat, 3>(surface, start.scatter_mm, &sample)?, &sample, &sensor))
+}
+
+/// Returns the plane near a start that the given points of a checked cloud agree with, facing the sensor, and those points.
+pub(crate) fn refit(
+    cloud: &PointCloud,
+    indices: Vec<usize>,
+    normal: Unit<Vector3<f64>>,
+    anchor: Vector3<f64>,
+    scatter_mm: f64,
+    sensor: &Vector3<f64>,
+) -> Result<(PlaneFit, Vec<usize>), FitError> {
+    let sample = Sample::of(cloud, indices, Flat::NAME, 3)?;
+    let start = Flat { normal, anchor: anchor - sample.centre }.facing(&(sensor - sample.centre));
+    let fitted = fit::<Flat, 3>(start, scatter_mm, &sample)?;
+    let inliers = sample.indices(&fitted.inliers);
+    Ok((result(fitted, &sample, sensor), inliers))
+}
+
+/// Returns the plane of least squares of distances to points about the origin, from a start.
+pub(crate) fn least_squares(
+    points: &[Vector3<f64>],
+    normal: Unit<Vector3<f64>>,
+    anchor: Vector3<f64>,
+) -> Option<(Unit<Vector3<f64>>, Vector3<f64>)> {
+    let observations: Vec<Observation> = points.iter().map(|&p| Observation::at(p)).collect();
+    let all: Vec<&Observation> = observations.iter().collect();
+    let flat = refine(Flat { normal, anchor }, &all, 1.0, 0.0)?;
+    Some((flat.normal, flat.anchor))
+}
+
+/// Returns the result in the cloud's frame, its normal towards the sensor.
+fn result(mut fitted: Fitted<Flat, 3>, sample: &Sample, sensor: &Vector3<f64>) -> PlaneFit {
+    let towards = fitted.surface.distance(&(sensor - sample.centre));
     let mut jacobian = fitted.surface.jacobian(&sample.centre);
     if towards < 0.0 {
         fitted.surface = fitted.surface.flipped();
         jacobian = -jacobian;
         let sides = &mut fitted.deviations;
         std::mem::swap(&mut sides.max_outside_mm, &mut sides.max_inside_mm);
+        sides.histogram = sides.histogram.flipped();
     }
     let covariance = jacobian * fitted.covariance * jacobian.transpose();
     let tilt = fitted.covariance.fixed_view::<2, 2>(0, 0).into_owned();
     let normal = fitted.surface.normal;
-    Ok(PlaneFit {
+    PlaneFit {
         normal: normal.into_inner().into(),
         offset_mm: -normal.dot(&(fitted.surface.anchor + sample.centre)),
         sigma_normal_rad: tilt.symmetric_eigenvalues().max().max(0.0).sqrt(),
         sigma_offset_mm: covariance[(3, 3)].max(0.0).sqrt(),
         covariance,
         deviations: fitted.deviations,
-    })
+        influence: fitted.influence.mapped(&DMatrix::from_fn(4, 3, |i, j| jacobian[(i, j)])),
+    }
 }
 
 /// A plane through an anchor point; its parameters are the normal's tilts along two tangents and the shift of the
@@ -99,13 +136,13 @@ struct Flat {
 }
 
 impl Flat {
-    /// Returns two unit vectors square to the normal and to each other.
     fn tangents(&self) -> [Vector3<f64>; 2] {
-        let mut aside = Vector3::zeros();
-        aside[self.normal.iamin()] = 1.0;
-        let first = self.normal.cross(&aside);
-        let first = first / first.norm();
-        [first, self.normal.cross(&first)]
+        square_to(&self.normal)
+    }
+
+    /// Returns the plane with its normal on the side of a point.
+    fn facing(&self, point: &Vector3<f64>) -> Self {
+        if self.distance(point) < 0.0 { self.flipped() } else { *self }
     }
 
     fn flipped(&self) -> Self {
@@ -161,6 +198,15 @@ impl Surface<3> for Flat {
             anchor: self.anchor - self.normal.into_inner() * step[2],
         }
     }
+}
+
+/// Returns two unit vectors square to a unit vector and to each other.
+pub(crate) fn square_to(direction: &Vector3<f64>) -> [Vector3<f64>; 2] {
+    let mut aside = Vector3::zeros();
+    aside[direction.iamin()] = 1.0;
+    let first = direction.cross(&aside);
+    let first = first / first.norm();
+    [first, direction.cross(&first)]
 }
 
 /// Returns the plane through three points, `None` where they lie on one line to within rounding.

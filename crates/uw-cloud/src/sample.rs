@@ -19,9 +19,16 @@ pub(crate) struct Observation {
     pub(crate) variances: Vector3<f64>,
     /// The image that it was seen in.
     pub(crate) image: Option<u32>,
+    /// Which point of the cloud it is.
+    pub(crate) index: usize,
 }
 
 impl Observation {
+    /// Returns a position without anything else.
+    pub(crate) fn at(point: Vector3<f64>) -> Self {
+        Self { point, axes: Matrix3::identity(), variances: Vector3::zeros(), image: None, index: 0 }
+    }
+
     /// Returns the same position without its covariance.
     pub(crate) fn bare(&self) -> Self {
         Self { axes: Matrix3::identity(), variances: Vector3::zeros(), ..self.clone() }
@@ -52,7 +59,17 @@ impl Sample {
     /// Returns the points of a cloud for a shape of `unknowns` parameters.
     pub(crate) fn new(cloud: &PointCloud, shape: &'static str, unknowns: usize) -> Result<Self, FitError> {
         check_positions(cloud)?;
-        let mut order: Vec<usize> = (0..cloud.len()).collect();
+        Self::of(cloud, (0..cloud.len()).collect(), shape, unknowns)
+    }
+
+    /// Returns some points of a cloud that was checked, by their indices.
+    pub(crate) fn of(
+        cloud: &PointCloud,
+        mut order: Vec<usize>,
+        shape: &'static str,
+        unknowns: usize,
+    ) -> Result<Self, FitError> {
+        let given = order.len();
         let key = |i: &usize| cloud.positions_mm()[*i].map(|c| c + 0.0);
         let compare = |a: &usize, b: &usize| {
             let (a, b) = (key(a), key(b));
@@ -80,6 +97,7 @@ impl Sample {
                 axes: Matrix3::identity(),
                 variances: Vector3::zeros(),
                 image: cloud.frame_rows().map(|rows| rows[index]),
+                index,
             };
             if let Some(covariance) = covariances.map(|all| &all[index]) {
                 let eigen = unpacked(covariance).symmetric_eigen();
@@ -93,7 +111,7 @@ impl Sample {
             observations.push(observation);
         }
         Ok(Self {
-            duplicates: cloud.len() - order.len(),
+            duplicates: given - order.len(),
             observations,
             centre,
             has_covariances: covariances.is_some(),
@@ -102,8 +120,20 @@ impl Sample {
     }
 }
 
+impl Sample {
+    /// Returns the positions of some of the observations.
+    pub(crate) fn points(&self, chosen: &[usize]) -> Vec<Vector3<f64>> {
+        chosen.iter().map(|&i| self.observations[i].point).collect()
+    }
+
+    /// Returns which points of the cloud some of the observations are.
+    pub(crate) fn indices(&self, chosen: &[usize]) -> Vec<usize> {
+        chosen.iter().map(|&i| self.observations[i].index).collect()
+    }
+}
+
 /// Checks that all that a fit uses is finite, and small enough for squares of it to be.
-fn check_positions(cloud: &PointCloud) -> Result<(), CloudError> {
+pub(crate) fn check_positions(cloud: &PointCloud) -> Result<(), CloudError> {
     let usable = |value: f64| value.abs() < 1e100;
     let bad = |attribute, index| CloudError::NonFinite { attribute, index };
     if let Some(index) = cloud.positions_mm().iter().position(|p| !p.iter().all(|&c| usable(c))) {

@@ -1,11 +1,13 @@
 //! The sphere, of free or of known radius.
 
 use crate::cloud::PointCloud;
-use crate::consensus::consensus;
+use crate::consensus::{Search, consensus};
+use crate::deviations::{Deviations, Influence};
 use crate::error::FitError;
-use crate::fit::{Deviations, Fitted, Foot, Surface, fit, rival};
+use crate::fit::{Fitted, Foot, Surface, fit, refine, rival};
+use crate::round::nearest_on_round;
 use crate::sample::{Observation, Sample};
-use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
+use nalgebra::{DMatrix, Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
 /// By how much chi² has to be worse for the other side of a cap of known radius to be ruled out: three sigma.
 const SIDE_CHI2: f64 = 9.0;
@@ -41,6 +43,8 @@ pub struct SphereFit {
     pub covariance_mm2: Matrix4<f64>,
     /// Number of points and their distances.
     pub deviations: Deviations,
+    /// How (centre x, y, z, radius) follow the points.
+    pub influence: Influence,
 }
 
 /// Returns the sphere that most of a cloud's points lie on, in the cloud's frame, mm.
@@ -71,28 +75,39 @@ pub fn fit_sphere(cloud: &PointCloud, options: &SphereOptions) -> Result<SphereF
     match options.radius_mm {
         None => {
             let sample = Sample::new(cloud, FreeSphere::NAME, 4)?;
-            let start = consensus(&sample, 4, options.seed, |p| through_four(p).into_iter().collect())
+            let search = Search { size: 4, starts: 1, seed: options.seed };
+            let start = consensus(&sample, search, |p| through_four(&sample.points(p)).into_iter().collect())
                 .ok_or(FitError::Undetermined { shape: FreeSphere::NAME, noise_share: 1.0, allowed: 0.0 })?;
             let fitted = fit::<FreeSphere, 4>(start.surface, start.scatter_mm, &sample)?;
             let ball = fitted.surface.0;
-            Ok(result(&ball, &sample, fitted.covariance, fitted.deviations))
+            Ok(result(&ball, &sample, fitted.covariance, fitted.deviations, fitted.influence))
         }
         Some(radius) if radius > 0.0 && radius < 1e100 => {
             let sample = Sample::new(cloud, KnownSphere::NAME, 3)?;
-            let start = consensus(&sample, 3, options.seed, |p| through_three(p, radius))
+            let search = Search { size: 3, starts: 1, seed: options.seed };
+            let start = consensus(&sample, search, |p| through_three(&sample.points(p), radius))
                 .ok_or(FitError::Undetermined { shape: KnownSphere::NAME, noise_share: 1.0, allowed: 0.0 })?;
             let fitted = fit::<KnownSphere, 3>(start.surface, start.scatter_mm, &sample)?;
             let fitted = on_the_right_side(fitted, &sample)?;
             let mut covariance = Matrix4::zeros();
             covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&fitted.covariance);
-            Ok(result(&fitted.surface.0, &sample, covariance, fitted.deviations))
+            let mut given = DMatrix::zeros(4, 3);
+            given.fill_diagonal(1.0);
+            let influence = fitted.influence.mapped(&given);
+            Ok(result(&fitted.surface.0, &sample, covariance, fitted.deviations, influence))
         }
         Some(radius_mm) => Err(FitError::InvalidRadius { radius_mm }),
     }
 }
 
 /// Returns the result in the cloud's frame.
-fn result(ball: &Ball, sample: &Sample, covariance: Matrix4<f64>, deviations: Deviations) -> SphereFit {
+fn result(
+    ball: &Ball,
+    sample: &Sample,
+    covariance: Matrix4<f64>,
+    deviations: Deviations,
+    influence: Influence,
+) -> SphereFit {
     let sigma = |i: usize| covariance[(i, i)].max(0.0).sqrt();
     SphereFit {
         radius_mm: ball.radius,
@@ -101,7 +116,35 @@ fn result(ball: &Ball, sample: &Sample, covariance: Matrix4<f64>, deviations: De
         sigma_center_mm: [sigma(0), sigma(1), sigma(2)],
         covariance_mm2: covariance,
         deviations,
+        influence,
     }
+}
+
+/// Returns the sphere near a start that the given points of a checked cloud agree with, and those that do.
+pub(crate) fn refit(
+    cloud: &PointCloud,
+    indices: Vec<usize>,
+    center: Vector3<f64>,
+    radius: f64,
+    scatter_mm: f64,
+) -> Result<(SphereFit, Vec<usize>), FitError> {
+    let sample = Sample::of(cloud, indices, FreeSphere::NAME, 4)?;
+    let start = FreeSphere(Ball { center: center - sample.centre, radius });
+    let fitted = fit::<FreeSphere, 4>(start, scatter_mm, &sample)?;
+    let inliers = sample.indices(&fitted.inliers);
+    Ok((result(&fitted.surface.0, &sample, fitted.covariance, fitted.deviations, fitted.influence), inliers))
+}
+
+/// Returns the sphere of least squares of distances to points about the origin, from a start.
+pub(crate) fn least_squares(
+    points: &[Vector3<f64>],
+    center: Vector3<f64>,
+    radius: f64,
+) -> Option<(Vector3<f64>, f64)> {
+    let observations: Vec<Observation> = points.iter().map(|&p| Observation::at(p)).collect();
+    let all: Vec<&Observation> = observations.iter().collect();
+    let ball = refine(FreeSphere(Ball { center, radius }), &all, 1.0, 0.0)?.0;
+    Some((ball.center, ball.radius))
 }
 
 /// Returns the better of a ball of known radius and its mirror image beyond the cap.
@@ -151,55 +194,11 @@ impl Ball {
         (point - self.center).norm() - self.radius
     }
 
-    /// Returns (residual λ nᵀVn, nᵀVn, n) at the point of the sphere that is nearest in the metric of V.
-    ///
-    /// The foot is c + s with s = (I + μV)⁻¹(p − c), where μ > −1/v_max solves |s| = R: a single root, and the global
-    /// minimum (the secular equation of the trust-region problem, J. Moré, D. Sorensen, SIAM J. Sci. Stat. Comput. 4
-    /// (1983) 553, whose Newton iteration on 1/|s| this is, kept inside a bracket). Then λ = μ R.
     fn foot(&self, observation: &Observation, floor_mm: f64) -> (f64, f64, Vector3<f64>) {
         let variances = observation.variances.add_scalar(floor_mm * floor_mm);
-        let largest = variances.max();
-        let shares = variances / largest;
-        let mut arm = observation.axes.tr_mul(&(observation.point - self.center));
-        // A point right in the middle has no nearest one: take any.
-        let lever = shares.imax();
-        if arm[lever].abs() < 1e-12 * self.radius {
-            arm[lever] = 1e-12 * self.radius;
-        }
-        let at = |nu: f64| arm.zip_map(&shares, |a, w| a / (1.0 + nu * w));
-        let (mut low, mut high) = (-1.0, f64::INFINITY);
-        let outward = arm.norm();
-        let slant = arm.component_mul(&shares).dot(&arm) / (outward * outward);
-        let mut nu = ((outward - self.radius) / (self.radius * slant)).max(-0.5);
-        for _ in 0..60 {
-            let s = at(nu);
-            let length = s.norm();
-            let excess = length / self.radius - 1.0;
-            if excess.abs() < 8.0 * f64::EPSILON {
-                break;
-            }
-            if excess > 0.0 {
-                low = nu;
-            } else {
-                high = nu;
-            }
-            let steepness = s.component_mul(&s).zip_map(&shares, |s2, w| s2 * w / (1.0 + nu * w)).sum();
-            let newton = nu + excess * length * length / steepness;
-            let previous = nu;
-            nu = if newton > low && newton < high {
-                newton
-            } else if high.is_finite() {
-                0.5 * (low + high)
-            } else {
-                2.0 * low + 1.0
-            };
-            if (nu - previous).abs() <= 2.0 * f64::EPSILON * nu.abs() {
-                break;
-            }
-        }
-        let normal = at(nu).normalize();
-        let variance = normal.component_mul(&normal).dot(&variances);
-        (nu / largest * self.radius * variance, variance, observation.axes * normal)
+        let arm = observation.axes.tr_mul(&(observation.point - self.center));
+        let (residual, variance, normal) = nearest_on_round(arm, &variances, self.radius);
+        (residual, variance, observation.axes * normal)
     }
 
     /// Returns ∂n/∂q = (I − nnᵀ)/R.

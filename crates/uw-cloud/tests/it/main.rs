@@ -3,4 +3,6 @@
 mod bad_input;
 mod monte_carlo;
 mod properties;
+mod round_shapes;
 mod scene;
+mod shapes;

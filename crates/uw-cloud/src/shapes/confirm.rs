@@ -1,0 +1,154 @@
+//! Whether a fitted shape is what it is called: whether its points tell it from its nearest relatives.
+//!
+//! A narrow band of a cone lies on a sphere as well, a short piece of a bent edge on a cylinder, a gently curved patch on a plane. So the
+//! deviations are regressed on what those relatives would show, together with the shape's own parameters: on a sphere a difference
+//! of its two curvatures, and of the one across a band, on a cylinder a taper and a curvature along its axis, on a plane curvatures. The shape is confirmed where
+//! these are known to be small.
+
+use crate::cylinder::CylinderFit;
+use crate::plane::square_to;
+use crate::shapes::ShapeFit;
+use crate::shapes::primitive::Primitive;
+use crate::sphere::SphereFit;
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+/// Largest standard deviation of a radius, in shares of it.
+const RADIUS_KNOWN: f64 = 0.05;
+
+/// Largest standard deviation of a relative's figure: a curvature by the shape's own, or the slope of a taper.
+const FIGURE_KNOWN: f64 = 0.1;
+
+/// A figure as large and as many of its sigmas is one: the shape is another (a relative's is about 1).
+const FIGURE_LARGE: f64 = 0.2;
+const FIGURE_SIGMAS: f64 = 6.0;
+
+/// Share of the deviations' squares that relatives may explain.
+const EXPLAINED: f64 = 0.3;
+
+/// Most of what no covariance tells, in units of the roughness that is typical in the cloud.
+const ROUGHER: f64 = 2.0;
+
+/// Points that are looked at.
+const LOOKED_AT: usize = 2000;
+
+/// Returns whether points, relative to the primitive's origin, confirm the fit.
+///
+/// A radius below `resolved_mm`, as far as normals are averaged, is that of an edge.
+pub(super) fn confirmed(
+    fit: &ShapeFit,
+    primitive: &Primitive,
+    points: &[Vector3<f64>],
+    typical_mm: f64,
+    resolved_mm: f64,
+) -> bool {
+    let deviations = fit.deviations();
+    let unexplained = deviations.floor_mm.unwrap_or(deviations.rms_mm);
+    let known = match fit {
+        ShapeFit::Plane(_) => true,
+        ShapeFit::Sphere(SphereFit { radius_mm, sigma_radius_mm, .. })
+        | ShapeFit::Cylinder(CylinderFit { radius_mm, sigma_radius_mm, .. }) => {
+            *sigma_radius_mm <= RADIUS_KNOWN * radius_mm && *radius_mm >= resolved_mm
+        }
+    };
+    known
+        && (unexplained <= ROUGHER * typical_mm || deviations.rms_mm <= ROUGHER * typical_mm)
+        && relatives_are_told_apart(primitive, points).unwrap_or(false)
+}
+
+/// Returns whether the relatives' figures are known to be small; `None` where the points determine none.
+fn relatives_are_told_apart(primitive: &Primitive, points: &[Vector3<f64>]) -> Option<bool> {
+    let chosen: Vec<&Vector3<f64>> = points.iter().step_by(points.len().div_ceil(LOOKED_AT).max(1)).collect();
+    let middle = chosen.iter().copied().sum::<Vector3<f64>>() / chosen.len().max(1) as f64;
+    let own = match primitive {
+        Primitive::Plane { .. } => 3,
+        Primitive::Sphere { .. } => 4,
+        Primitive::Cylinder(_) => 5,
+    };
+    let band = band(primitive, &chosen);
+    let rows: Vec<Vec<f64>> = chosen.iter().map(|p| regressors(primitive, p, &middle, &band)).collect();
+    let columns = rows.first()?.len();
+    if chosen.len() <= columns {
+        return None;
+    }
+    let off = DVector::from_iterator(chosen.len(), chosen.iter().map(|p| primitive.distance(p)));
+    let whole = DMatrix::from_fn(chosen.len(), columns, |i, j| rows[i][j]);
+    let scales: Vec<f64> = whole.column_iter().map(|c| c.norm().max(f64::MIN_POSITIVE)).collect();
+    let scaled = DMatrix::from_fn(chosen.len(), columns, |i, j| whole[(i, j)] / scales[j]);
+    let rest = |matrix: &DMatrix<f64>| {
+        let solution = matrix.clone().svd(true, true).solve(&off, 1e-12).ok()?;
+        let rest = (&off - matrix * &solution).norm_squared();
+        Some((solution, rest))
+    };
+    let (_, before) = rest(&scaled.columns(0, own).into_owned())?;
+    let (solution, after) = rest(&scaled)?;
+    // Exact points are told from nothing by their scatter: rounding is all there is.
+    let variance = after / (chosen.len() - columns) as f64;
+    let inverse = (scaled.transpose() * &scaled).try_inverse()?;
+    let exact = before.sqrt() <= 1e-9 * middle.norm().max(scales[own - 1]);
+    let figures_small = matches!(primitive, Primitive::Plane { .. })
+        || (own..columns).all(|k| {
+            let (figure, sigma) =
+                (solution[k] / scales[k], (variance * inverse[(k, k)].max(0.0)).sqrt() / scales[k]);
+            sigma <= FIGURE_KNOWN && (figure.abs() <= FIGURE_LARGE || figure.abs() <= FIGURE_SIGMAS * sigma)
+        });
+    Some(figures_small && (exact || before - after <= EXPLAINED * before))
+}
+
+/// Returns what a step of each of the shape's own parameters and then of its relatives' figures does to a point's distance.
+fn regressors(primitive: &Primitive, point: &Vector3<f64>, middle: &Vector3<f64>, band: &Band) -> Vec<f64> {
+    match primitive {
+        Primitive::Plane { normal, .. } => {
+            let [x, y] = square_to(normal).map(|t| t.dot(&(point - middle)));
+            vec![1.0, x, y, x * x, x * y, y * y]
+        }
+        Primitive::Sphere { center, radius } => {
+            let n = (point - center) / (point - center).norm();
+            let mean = middle - center;
+            let length = mean.norm();
+            // A ball seen from all round has no middle: any direction serves.
+            let mean = if length > 1e-6 * radius { mean / length } else { Vector3::z() };
+            let [a, b] = square_to(&mean).map(|t| t.dot(&n));
+            let across = band.axis.dot(&n).clamp(-1.0, 1.0).acos() - band.angle;
+            vec![
+                n.x,
+                n.y,
+                n.z,
+                1.0,
+                radius * (a * a - b * b) * 0.5,
+                radius * a * b,
+                radius * across * across * 0.5,
+            ]
+        }
+        Primitive::Cylinder(tube) => {
+            let arm = point - tube.anchor;
+            let z = tube.axis.dot(&(point - middle));
+            let n = arm - tube.axis.into_inner() * tube.axis.dot(&arm);
+            let n = n / n.norm();
+            let [x, y] = square_to(&tube.axis).map(|t| t.dot(&n));
+            vec![x, y, x * z, y * z, 1.0, z, z * z / (2.0 * tube.radius)]
+        }
+    }
+}
+
+/// The small circle of a sphere that its points lie nearest to: the axis, and the angle from it.
+struct Band {
+    axis: Vector3<f64>,
+    angle: f64,
+}
+
+/// Returns the circle about the direction in which the normals spread least.
+fn band(primitive: &Primitive, points: &[&Vector3<f64>]) -> Band {
+    let Primitive::Sphere { center, .. } = primitive else { return Band { axis: Vector3::z(), angle: 0.0 } };
+    let normals: Vec<Vector3<f64>> = points.iter().map(|p| (*p - center) / (*p - center).norm()).collect();
+    let mean = normals.iter().sum::<Vector3<f64>>() / normals.len().max(1) as f64;
+    let spread = normals.iter().map(|n| (n - mean) * (n - mean).transpose()).sum::<Matrix3<f64>>();
+    let axis = if spread.iter().all(|s| s.is_finite()) {
+        let eigen = spread.symmetric_eigen();
+        eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned()
+    } else {
+        Vector3::z()
+    };
+    let angle = normals.iter().map(|n| axis.dot(n).clamp(-1.0, 1.0).acos()).sum::<f64>()
+        / normals.len().max(1) as f64;
+    Band { axis, angle }
+}

@@ -1,0 +1,348 @@
+//! Shapes found by themselves: spheres, planes and cylinders in an unorganised cloud.
+//!
+//! | step | file | what it decides |
+//! |---|---|---|
+//! | sample | `mod` | some thousand points, with normals and tolerances from their neighbours in the whole cloud |
+//! | search | `search` | shapes through pairs of oriented points (R. Schnabel, R. Wahl, R. Klein, Computer Graphics Forum 26 (2007) 214); which hang together, which chance explains |
+//! | assignment | `mod` | the cloud's points by the sample's nearest one |
+//! | fit | [`crate::fit_sphere`] and its kin | maximum likelihood, sigmas, outliers; what is no shape after all |
+//! | merging | `mod` | two that are one |
+//! | relations | `relation` | distances and angles between them |
+//!
+//! What is left is searched again until nothing more is found. Chance is seeded, and there are no threads: the same cloud gives the
+//! same shapes.
+
+mod confirm;
+mod primitive;
+mod relation;
+mod search;
+
+pub use relation::{Relation, Relations, relations};
+
+use crate::cloud::PointCloud;
+use crate::cylinder::CylinderFit;
+use crate::deviations::{Deviations, Influence};
+use crate::error::{CloudError, FitError};
+use crate::neighbours::Neighbours;
+use crate::normals::{NORMAL_NEIGHBOURS, local_plane};
+use crate::plane::PlaneFit;
+use crate::robust::{Random, median};
+use crate::sphere::SphereFit;
+use nalgebra::{DMatrix, Vector3};
+use primitive::{Oriented, Primitive};
+use search::{Candidate, Field};
+
+/// Points that are searched at a time.
+const SAMPLED: usize = 3000;
+
+/// Samples in a row that bring nothing, until the search ends.
+const MAX_ROUNDS: usize = 24;
+
+/// How far off a point may lie, in units of the roughness that its neighbours show.
+const TOLERANCE: f64 = 4.0;
+
+/// How much alike neighbours may lie off a shape: more is a surface of another form (see [`Field::likeness`]).
+const MOST_ALIKE: f64 = 0.35;
+
+/// Fewest points a shape may have.
+const LEAST_POINTS: usize = 30;
+
+/// How shapes are searched.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShapeOptions {
+    /// At most so many, those with the most points; `None`: all.
+    pub max: Option<usize>,
+    /// The sensor in the cloud's frame, mm, which normals face.
+    pub sensor_mm: [f64; 3],
+    /// Seed of the random samples.
+    pub seed: u64,
+}
+
+impl Default for ShapeOptions {
+    fn default() -> Self {
+        Self { max: None, sensor_mm: [0.0; 3], seed: 1 }
+    }
+}
+
+/// A fit of any kind.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+#[allow(clippy::large_enum_variant, reason = "a cloud has a handful of shapes")]
+pub enum ShapeFit {
+    /// A sphere.
+    Sphere(SphereFit),
+    /// A plane.
+    Plane(PlaneFit),
+    /// A cylinder.
+    Cylinder(CylinderFit),
+}
+
+impl ShapeFit {
+    /// Returns the kind's name: `sphere`, `plane` or `cylinder`.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Sphere(_) => "sphere",
+            Self::Plane(_) => "plane",
+            Self::Cylinder(_) => "cylinder",
+        }
+    }
+
+    /// Returns number of points and their distances.
+    pub fn deviations(&self) -> &Deviations {
+        match self {
+            Self::Sphere(fit) => &fit.deviations,
+            Self::Plane(fit) => &fit.deviations,
+            Self::Cylinder(fit) => &fit.deviations,
+        }
+    }
+
+    /// Returns how the parameters follow the points.
+    pub fn influence(&self) -> &Influence {
+        match self {
+            Self::Sphere(fit) => &fit.influence,
+            Self::Plane(fit) => &fit.influence,
+            Self::Cylinder(fit) => &fit.influence,
+        }
+    }
+
+    /// Returns the covariance of the parameters, as the fit of that kind orders them.
+    pub fn covariance(&self) -> DMatrix<f64> {
+        match self {
+            Self::Sphere(fit) => DMatrix::from_fn(4, 4, |i, j| fit.covariance_mm2[(i, j)]),
+            Self::Plane(fit) => DMatrix::from_fn(4, 4, |i, j| fit.covariance[(i, j)]),
+            Self::Cylinder(fit) => DMatrix::from_fn(7, 7, |i, j| fit.covariance[(i, j)]),
+        }
+    }
+}
+
+/// A shape of a cloud.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shape {
+    /// What it is, with sigmas and deviations.
+    pub fit: ShapeFit,
+    /// Its points, by their index in the cloud, ascending.
+    pub points: Vec<usize>,
+}
+
+/// The shapes of a cloud.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shapes {
+    /// Those found, the one with the most points first.
+    pub shapes: Vec<Shape>,
+    /// Points of no shape.
+    pub unassigned_points: usize,
+}
+
+/// Returns the spheres, planes and cylinders of a cloud, in the cloud's frame, mm.
+///
+/// A shape is told from chance by the number of its points and from another kind by which of them hold to it; one that its points
+/// do not determine is none. Points that no shape holds are counted, and none is forced.
+///
+/// # Errors
+/// [`FitError::Cloud`] for values that are not finite, [`FitError::InvalidCovariance`], and [`FitError::TooFewPoints`] for fewer
+/// than four points. A cloud without shapes is no error.
+///
+/// # Examples
+/// ```
+/// use uw_cloud::{Frame, PointCloud, ShapeFit, ShapeOptions, find_shapes};
+///
+/// let ball = (0..3000).map(|i| (2.4 * f64::from(i), -f64::from(i + 1) / 3001.0)).map(|(t, z)| {
+///     let r = (1.0 - z * z).sqrt();
+///     [20.0 * r * t.cos(), 20.0 * r * t.sin(), 700.0 + 20.0 * z]
+/// });
+/// let found = find_shapes(&PointCloud::new(Frame::Camera, ball.collect()), &ShapeOptions::default())?;
+/// let [shape] = &found.shapes[..] else { panic!("one shape") };
+/// let ShapeFit::Sphere(fit) = &shape.fit else { panic!("a sphere") };
+/// assert!((fit.radius_mm - 20.0).abs() < 1e-6);
+/// # Ok::<(), uw_cloud::FitError>(())
+/// ```
+pub fn find_shapes(cloud: &PointCloud, options: &ShapeOptions) -> Result<Shapes, FitError> {
+    crate::sample::check_positions(cloud)?;
+    if cloud.len() < 4 {
+        return Err(FitError::TooFewPoints { shape: "shape", needed: 4, got: cloud.len() });
+    }
+    let mut hunt = Hunt::new(cloud, options)?;
+    let mut found: Vec<Shape> = Vec::new();
+    for _ in 0..MAX_ROUNDS {
+        let before = found.len();
+        let whole = hunt.round(&mut found)?;
+        if found.len() == before || whole {
+            break;
+        }
+    }
+    hunt.merge(&mut found)?;
+    found.sort_by_key(|shape| std::cmp::Reverse(shape.points.len()));
+    if let Some(max) = options.max {
+        found.truncate(max);
+    }
+    let assigned: usize = found.iter().map(|shape| shape.points.len()).sum();
+    Ok(Shapes { shapes: found, unassigned_points: cloud.len() - assigned })
+}
+
+/// The state of a search.
+struct Hunt<'a> {
+    cloud: &'a PointCloud,
+    sensor: Vector3<f64>,
+    /// The cloud's middle: coordinates are taken from it, so that offsets cost no digits.
+    origin: Vector3<f64>,
+    tree: Neighbours,
+    /// Points of no shape yet.
+    remaining: Vec<usize>,
+    random: Random,
+    /// The typical roughness, mm.
+    roughness_mm: f64,
+}
+
+impl<'a> Hunt<'a> {
+    fn new(cloud: &'a PointCloud, options: &ShapeOptions) -> Result<Self, CloudError> {
+        let (low, high) = cloud.bounding_box_mm().unwrap_or_default();
+        Ok(Self {
+            cloud,
+            sensor: options.sensor_mm.into(),
+            origin: (Vector3::from(low) + Vector3::from(high)) * 0.5,
+            tree: Neighbours::new(cloud.positions_mm())?,
+            remaining: (0..cloud.len()).collect(),
+            random: Random::new(options.seed),
+            roughness_mm: 0.0,
+        })
+    }
+
+    /// Searches one sample of what remains; returns whether that was all of it.
+    fn round(&mut self, found: &mut Vec<Shape>) -> Result<bool, FitError> {
+        let count = self.remaining.len().min(SAMPLED);
+        let whole = count == self.remaining.len();
+        // The front of a shuffle.
+        for i in 0..count {
+            let other = i + self.random.below(self.remaining.len() - i);
+            self.remaining.swap(i, other);
+        }
+        let mut chosen = self.remaining[..count].to_vec();
+        chosen.sort_unstable();
+        let points = self.oriented(&chosen);
+        let tree = Neighbours::new(&points.iter().map(|o| o.point.into()).collect::<Vec<_>>())?;
+        let mut field = Field::new(points, tree);
+        while let Some(candidate) = field.best(&mut self.random) {
+            let shape = self.measured(&field, &candidate)?;
+            for &i in &candidate.members {
+                field.free[i] = false;
+            }
+            found.extend(shape);
+        }
+        self.remaining.sort_unstable();
+        Ok(whole)
+    }
+
+    /// Returns the chosen points with normals and tolerances, without those that have no normal.
+    fn oriented(&mut self, chosen: &[usize]) -> Vec<Oriented> {
+        let positions = self.cloud.positions_mm();
+        let sensor = self.sensor.into();
+        let local: Vec<_> = chosen
+            .iter()
+            .filter_map(|&i| {
+                let local = local_plane(positions, &self.tree, &positions[i], NORMAL_NEIGHBOURS, &sensor)?;
+                Some((self.cloud.vector(i) - self.origin, local))
+            })
+            .collect();
+        if self.roughness_mm <= 0.0 {
+            self.roughness_mm = median(&mut local.iter().map(|(_, l)| l.roughness_mm).collect::<Vec<_>>());
+        }
+        let typical = self.roughness_mm;
+        let tolerance = |roughness: f64, reach: f64| {
+            (TOLERANCE * roughness)
+                .clamp(0.7 * TOLERANCE * typical, (1.5 * TOLERANCE * typical).max(0.01 * reach))
+        };
+        let oriented = local.iter().map(|(point, l)| Oriented {
+            point: *point,
+            normal: l.normal,
+            tolerance: tolerance(l.roughness_mm, l.reach_mm),
+            reach: l.reach_mm,
+        });
+        oriented.collect()
+    }
+
+    /// Returns the fit to the cloud's points that a candidate claims, `None` where it is none after all. Its points are taken
+    /// out of what remains either way, lest they be found again.
+    fn measured(&mut self, field: &Field, candidate: &Candidate) -> Result<Option<Shape>, FitError> {
+        let mut member = vec![false; field.points.len()];
+        candidate.members.iter().for_each(|&i| member[i] = true);
+        let (mut claimed, mut left) = (Vec::new(), Vec::new());
+        for &i in &self.remaining {
+            let point = self.cloud.vector(i) - self.origin;
+            let near = candidate.primitive.distance(&point).abs();
+            let owner = (near < 3.0 * TOLERANCE * self.roughness_mm.max(near * 1e-3))
+                .then(|| field.tree.nearest_one(&point.into()))
+                .flatten()
+                .filter(|(_, owner)| member[*owner] && near <= 2.0 * field.points[*owner].tolerance);
+            if owner.is_some() { claimed.push(i) } else { left.push(i) }
+        }
+        self.remaining = left;
+        claimed.sort_unstable();
+        if claimed.len() < LEAST_POINTS {
+            return Ok(None);
+        }
+        let scatter = self.roughness_mm;
+        match candidate.primitive.fitted(self.cloud, claimed, &self.origin, scatter, &self.sensor) {
+            Ok((fit, points)) => {
+                let primitive = Primitive::of(&fit, &self.origin);
+                let near: Vec<Vector3<f64>> =
+                    points.iter().map(|&i| self.cloud.vector(i) - self.origin).collect();
+                let sound = points.len() >= LEAST_POINTS
+                    && field.likeness(&primitive, &candidate.members) <= MOST_ALIKE
+                    && confirm::confirmed(
+                        &fit,
+                        &primitive,
+                        &near,
+                        self.roughness_mm,
+                        field.reach(&candidate.members),
+                    );
+                Ok(sound.then_some(Shape { fit, points }))
+            }
+            Err(error @ (FitError::Cloud(_) | FitError::InvalidCovariance { .. })) => Err(error),
+            Err(_) => Ok(None),
+        }
+    }
+
+    /// Makes one of two shapes of a kind where one fit holds nearly all points of both.
+    fn merge(&self, found: &mut Vec<Shape>) -> Result<(), FitError> {
+        found.sort_by_key(|shape| std::cmp::Reverse(shape.points.len()));
+        let mut first = 0;
+        while first < found.len() {
+            let mut second = first + 1;
+            while second < found.len() {
+                match self.merged(&found[first], &found[second])? {
+                    Some(shape) => {
+                        found[first] = shape;
+                        found.remove(second);
+                        second = first + 1;
+                    }
+                    None => second += 1,
+                }
+            }
+            first += 1;
+        }
+        Ok(())
+    }
+
+    fn merged(&self, a: &Shape, b: &Shape) -> Result<Option<Shape>, FitError> {
+        const OF_BOTH: f64 = 0.95;
+        if a.fit.kind() != b.fit.kind() {
+            return Ok(None);
+        }
+        let primitive = Primitive::of(&a.fit, &self.origin);
+        let reach = 2.0 * TOLERANCE * self.roughness_mm.max(a.fit.deviations().rms_mm);
+        let near = |&&i: &&usize| primitive.distance(&(self.cloud.vector(i) - self.origin)).abs() <= reach;
+        if (b.points.iter().filter(near).count() as f64) < 0.8 * b.points.len() as f64 {
+            return Ok(None);
+        }
+        let mut both: Vec<usize> = a.points.iter().chain(&b.points).copied().collect();
+        both.sort_unstable();
+        let count = both.len();
+        match primitive.fitted(self.cloud, both, &self.origin, self.roughness_mm, &self.sensor) {
+            Ok((fit, points)) if points.len() as f64 >= OF_BOTH * count as f64 => {
+                Ok(Some(Shape { fit, points }))
+            }
+            Err(error @ (FitError::Cloud(_) | FitError::InvalidCovariance { .. })) => Err(error),
+            _ => Ok(None),
+        }
+    }
+}
