@@ -11,7 +11,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("uw-calib", &["uw-geom"]),
     ("uw-cloud", &["uw-geom"]),
     ("uw-sim", &["uw-geom"]),
-    ("uw-io", &["uw-calib", "uw-cloud", "uw-geom"]),
+    ("uw-io", &["uw-calib", "uw-cloud", "uw-geom", "uw-hw"]),
     ("uwscan", &["uw-calib", "uw-cloud", "uw-geom", "uw-hw", "uw-io", "uw-stripe"]),
     ("uw-cli", &["uwscan"]),
 ];

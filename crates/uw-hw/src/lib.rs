@@ -7,6 +7,7 @@
 //! | [`fault`] | what hardware does instead of what was asked |
 //! | [`clock`] | clocks that are given, not read: the system's, and one that a test moves |
 //! | [`limits`] | voltage range and slew, enforced once: no voltage reaches a drive but through [`GuardedGalvo`] |
+//! | [`galvo`] | controllers on a serial line, their dialect as data |
 //! | [`camera`] | what cameras have in common: ids that roll over, losses counted |
 //! | [`interlock`] | laser off and mirror parked on every way out |
 //! | [`sweep`] | which voltages, in which way, and what the mirror makes of it |
@@ -18,6 +19,7 @@ pub mod camera;
 pub mod clock;
 pub mod fault;
 pub mod frame;
+pub mod galvo;
 pub mod interlock;
 pub mod limits;
 pub mod mock;

@@ -8,6 +8,7 @@
 //! |---|---|---|
 //! | [`capture`] | `capture.toml`, `frames.csv` | [`Capture`] |
 //! | [`rig`] | `rig.toml` | [`Rig`] |
+//! | [`vehicle`] | `vehicle.toml` | [`Vehicle`] |
 //! | [`calibration_toml`] | `calibration.toml` | [`CalibrationFile`] |
 //! | [`images`] | PNG, TIFF, JPEG, PNM | [`GrayImage`] |
 //! | [`clouds`] ([`ply`], [`xyz`]) | PLY; XYZ and CSV | [`uw_cloud::PointCloud`] |
@@ -26,6 +27,7 @@ pub mod recording;
 pub mod rig;
 mod text;
 mod toml_file;
+pub mod vehicle;
 pub mod xyz;
 
 pub use atomic::Overwrite;
@@ -34,3 +36,4 @@ pub use capture::{Capture, FrameRecord, Kind, Medium, Target};
 pub use error::{Error, Place, Problem, SaidBy, Severity};
 pub use images::{Expect, GrayImage, Pixels, Reduce};
 pub use rig::{Priors, Rig, Water};
+pub use vehicle::Vehicle;

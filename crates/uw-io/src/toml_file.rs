@@ -16,7 +16,20 @@ use crate::{
 const LIMIT: u64 = 16 << 20;
 
 /// The keys of our formats that are tables.
-const TABLES: [&str; 8] = ["camera", "galvo", "laser", "port", "rig", "statistics", "target", "water"];
+const TABLES: [&str; 12] = [
+    "camera",
+    "dialect",
+    "disk",
+    "galvo",
+    "interlock",
+    "laser",
+    "port",
+    "rig",
+    "statistics",
+    "sweep",
+    "target",
+    "water",
+];
 
 /// A TOML file of a known format, whose keys can be found again when one of them is wrong.
 pub(crate) struct TomlFile {

@@ -10,3 +10,4 @@ mod recorder;
 mod rig;
 mod rig_domain;
 mod samples;
+mod vehicle;

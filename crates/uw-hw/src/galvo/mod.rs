@@ -1,0 +1,3 @@
+//! Galvanometer controllers: [`proto`] turns commands into bytes and bytes into replies.
+
+pub mod proto;
