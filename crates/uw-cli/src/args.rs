@@ -6,7 +6,7 @@ use clap::{
     Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum, error::ErrorKind,
 };
 
-use crate::commands::{calibrate, completions, fit, info, man, reconstruct};
+use crate::commands::{calibrate, completions, fit, info, man, mesh, reconstruct};
 
 /// Underwater laser-line scanning: calibration, exact refraction, point clouds and measurements.
 ///
@@ -73,6 +73,8 @@ pub enum Command {
     Reconstruct(reconstruct::Args),
     /// Fit one shape to a point cloud, robustly, with uncertainty and deviations
     Fit(fit::Args),
+    /// Triangulate the surface that a sweep saw
+    Mesh(mesh::Args),
     /// Say what a file or capture folder holds, and whether it is sound
     Info(info::Args),
     /// Print a shell's completion script

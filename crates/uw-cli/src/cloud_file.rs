@@ -1,9 +1,9 @@
-//! A point cloud's file as an argument: its name's ending says the format.
+//! A point cloud's or a mesh's file as an argument: its name's ending says the format.
 
 use std::path::PathBuf;
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
-use uwscan::io::clouds::Format;
+use uwscan::io::{clouds::Format, meshes};
 
 /// A point cloud's file, of a format that is known.
 #[derive(Clone, Debug)]
@@ -19,6 +19,25 @@ impl CloudFile {
     pub fn parser() -> impl TypedValueParser<Value = Self> {
         PathBufValueParser::new().try_map(|path| {
             let format = Format::of(&path)?;
+            Ok::<_, uwscan::io::Error>(Self { path, format })
+        })
+    }
+}
+
+/// A mesh's file, of a format that is known.
+#[derive(Clone, Debug)]
+pub struct MeshFile {
+    /// Where it is.
+    pub path: PathBuf,
+    /// The format that its name tells.
+    pub format: meshes::Format,
+}
+
+impl MeshFile {
+    /// Takes an argument as a mesh's file; another ending is wrong usage.
+    pub fn parser() -> impl TypedValueParser<Value = Self> {
+        PathBufValueParser::new().try_map(|path| {
+            let format = meshes::Format::of(&path)?;
             Ok::<_, uwscan::io::Error>(Self { path, format })
         })
     }

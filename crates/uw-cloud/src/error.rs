@@ -113,3 +113,117 @@ pub enum FitError {
         iterations: usize,
     },
 }
+
+/// Triangles that are no mesh.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum MeshError {
+    /// An attribute has another number of entries than the mesh has vertices.
+    #[error("attribute {attribute} has {got} entries for {needed} vertices")]
+    LengthMismatch {
+        /// The attribute's name.
+        attribute: &'static str,
+        /// Vertices of the mesh.
+        needed: usize,
+        /// Entries of the attribute.
+        got: usize,
+    },
+    /// A vertex is infinite or not a number.
+    #[error("vertex {index} is not finite")]
+    NonFinite {
+        /// Which vertex, from 0.
+        index: usize,
+    },
+    /// A triangle has a corner that is none of the vertices.
+    #[error("triangle {index} has a corner that is none of the {vertices} vertices")]
+    NoSuchVertex {
+        /// Which triangle, from 0.
+        index: usize,
+        /// Vertices of the mesh.
+        vertices: usize,
+    },
+    /// More vertices or triangles than are numbered.
+    #[error("a mesh has at most {allowed} vertices and triangles")]
+    TooLarge {
+        /// The most that are allowed.
+        allowed: usize,
+    },
+}
+
+/// Why a cloud gives no surface.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SurfaceError {
+    /// The cloud holds something that no surface can use.
+    #[error(transparent)]
+    Cloud(#[from] CloudError),
+    /// The mesh would be none.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// No triangle without three points.
+    #[error("a surface needs at least 3 points, got {got}")]
+    TooFewPoints {
+        /// Points given.
+        got: usize,
+    },
+    /// More points than are numbered.
+    #[error("a surface has at most {allowed} points, got {got}: thin the cloud first")]
+    TooManyPoints {
+        /// The most that are allowed.
+        allowed: usize,
+        /// Points given.
+        got: usize,
+    },
+    /// Some points lie beside or behind the sensor, seen from which the others lie in front.
+    #[error(
+        "{behind} of the {points} points are not in front of the sensor, so that they are not what it saw from there: \
+         say where the sensor was"
+    )]
+    Surrounded {
+        /// Points beside or behind the sensor.
+        behind: usize,
+        /// Points given.
+        points: usize,
+    },
+    /// All points are seen on one line.
+    #[error("the points, as the sensor sees them, lie on one line: there is no surface between them")]
+    NoArea,
+    /// Every triangle was left out.
+    #[error(
+        "no triangle is left: {} span voids, {} stand along the line of sight or the light, {} lead across steps", cut.voids,
+        cut.grazing, cut.steps
+    )]
+    NothingLeft {
+        /// Triangles by the reason that they were left out for.
+        cut: crate::surface::Cut,
+    },
+}
+
+/// Why a cloud was not moved onto a mesh.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RegisterError {
+    /// The cloud holds something that cannot be used.
+    #[error(transparent)]
+    Cloud(#[from] CloudError),
+    /// A pose has six unknowns.
+    #[error("an alignment needs at least 6 points, got {got}")]
+    TooFewPoints {
+        /// Points given.
+        got: usize,
+    },
+    /// All points lie in one spot.
+    #[error("all points lie in one place")]
+    OnePlace,
+    /// Too few of the points come to lie on the mesh.
+    #[error(
+        "only {:.0} % of the points come to lie on the other surface, {:.0} % are needed: they do not overlap, or the search began too far off",
+        100.0 * overlap, 100.0 * needed
+    )]
+    LittleOverlap {
+        /// Share of the points that do.
+        overlap: f64,
+        /// Share that is needed.
+        needed: f64,
+    },
+}

@@ -11,7 +11,7 @@ use crate::{
 };
 
 /// The endings that are read and written, as messages say them.
-pub(crate) const ENDINGS: &str = ".ply, .xyz or .csv";
+pub const ENDINGS: &str = ".ply, .xyz or .csv";
 
 /// A format of point clouds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -121,6 +121,12 @@ pub enum Error {
         /// The cloud.
         path: PathBuf,
     },
+    /// A mesh's name has no ending that tells its format.
+    #[error("{}: a mesh's name ends in {}", path.display(), crate::meshes::ENDINGS)]
+    MeshEnding {
+        /// The mesh.
+        path: PathBuf,
+    },
     /// The output exists and may not be replaced.
     #[error("{}: exists already; give another name, or --force to replace it", path.display())]
     Exists {
@@ -137,6 +143,7 @@ impl Error {
             | Self::Image { path, .. }
             | Self::ImageSize { path, .. }
             | Self::Ending { path }
+            | Self::MeshEnding { path }
             | Self::Exists { path } => path,
             Self::Format { place, .. } | Self::Version { place, .. } | Self::Content { place, .. } => {
                 &place.path

@@ -12,6 +12,7 @@
 //! | [`calibration_toml`] | `calibration.toml` | [`CalibrationFile`] |
 //! | [`images`] | PNG, TIFF, JPEG, PNM | [`GrayImage`] |
 //! | [`clouds`] ([`ply`], [`xyz`]) | PLY; XYZ and CSV | [`uw_cloud::PointCloud`] |
+//! | [`meshes`] ([`ply`], [`stl`], [`obj`], [`glb`]) | PLY, STL, OBJ; GLB, written only | [`uw_cloud::TriangleMesh`] |
 //! | [`atomic`] | any output | written whole or not at all |
 
 pub mod atomic;
@@ -21,10 +22,14 @@ pub mod clouds;
 mod columns;
 mod error;
 mod frames;
+pub mod glb;
 pub mod images;
+pub mod meshes;
+pub mod obj;
 pub mod ply;
 pub mod recording;
 pub mod rig;
+pub mod stl;
 mod text;
 mod toml_file;
 pub mod vehicle;

@@ -3,12 +3,13 @@
 mod capture;
 mod cloud;
 mod instrument;
+mod mesh;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use serde::Serialize;
-use uwscan::io::{Error, Problem, Rig, calibration_toml, clouds};
+use uwscan::io::{Error, Problem, Rig, calibration_toml, clouds, meshes};
 
 use crate::{
     console::Console,
@@ -19,7 +20,7 @@ use crate::{
 /// Arguments of `info`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Capture folder, calibration.toml, rig.toml or point cloud
+    /// Capture folder, calibration.toml, rig.toml, point cloud or mesh
     file: PathBuf,
     /// Print one JSON object instead of text
     #[arg(long)]
@@ -41,6 +42,7 @@ enum What {
     Rig { rig: Box<Rig> },
     Calibration(Box<instrument::Record>),
     Cloud(cloud::Record),
+    Mesh(mesh::Record),
 }
 
 #[derive(Serialize)]
@@ -106,11 +108,16 @@ fn look(path: &Path, noted: &mut Vec<Problem>, console: &Console) -> anyhow::Res
     if ends("toml") {
         return toml(path, noted, console);
     }
+    if meshes::is_mesh(path)? {
+        return Ok(mesh::look(path)?);
+    }
     match clouds::Format::of(path) {
         Ok(_) => Ok(cloud::look(path)?),
         Err(_) => bail!(
-            "{}: this is neither a capture folder nor a .toml, .ply, .xyz or .csv file; give one of these",
-            path.display()
+            "{}: this is neither a capture folder nor a .toml file, nor one whose name ends in {} or {}; give one of these",
+            path.display(),
+            clouds::ENDINGS,
+            meshes::ENDINGS
         ),
     }
 }

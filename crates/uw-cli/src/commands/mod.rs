@@ -5,6 +5,7 @@ pub mod completions;
 pub mod fit;
 pub mod info;
 pub mod man;
+pub mod mesh;
 pub mod reconstruct;
 
 use anyhow::Context;
@@ -29,6 +30,7 @@ pub fn run(cli: &Cli, console: &Console) -> anyhow::Result<Outcome> {
         Command::Calibrate(args) => calibrate::run(args, console),
         Command::Reconstruct(args) => reconstruct::run(args, console),
         Command::Fit(args) => fit::run(args, console),
+        Command::Mesh(args) => mesh::run(args, console),
         Command::Info(args) => info::run(args, console),
         Command::Completions(args) => completions::run(args),
         Command::Man(args) => man::run(args),

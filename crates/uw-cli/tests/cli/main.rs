@@ -5,5 +5,6 @@ mod bad_captures;
 mod fits;
 mod infos;
 mod job;
+mod meshes;
 mod samples;
 mod usage;

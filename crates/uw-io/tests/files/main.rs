@@ -6,6 +6,7 @@ mod calibration;
 mod capture;
 mod clouds;
 mod images;
+mod meshes;
 mod recorder;
 mod rig;
 mod rig_domain;
