@@ -11,9 +11,10 @@
 use fearless_simd::{Select, Simd, SimdBase, SimdFloat, f32x16, mask32x16};
 use nalgebra::{SMatrix, SVector};
 
-use super::window::GROUP;
-use crate::NoiseModel;
+use super::lanes::CHUNK;
+use super::window::{GROUP, Windows};
 use crate::special::normal;
+use crate::{NoiseModel, Pixel};
 
 /// Levels, two an octave of 1 + ρ + κ.
 const LEVELS: usize = 24;
@@ -23,8 +24,6 @@ const PHASE: f64 = 0.25;
 const REACH_WIDTHS: f64 = 3.2;
 /// Distance from the offset up to which a filter is still matched well enough, in widths: five hundredths are lost at its end.
 const BELIEVED_WIDTHS: f64 = 0.5;
-/// Lines that share a level.
-const CHUNK: usize = 16;
 /// Height that divides where there is none, DN.
 const LEAST_HEIGHT: f32 = 1e-3;
 /// Sigmas from which the slope of the background under a chunk of lines is taken out.
@@ -43,6 +42,8 @@ pub(crate) struct Bank {
     pub width: f32,
     kernels: Vec<Kernel>,
     noise: NoiseModel,
+    /// Variance of a pixel without light, DN².
+    dark: f32,
     /// Least ratio of height to noise through a matched filter.
     min_snr: f32,
     /// Flux of a stripe of height 1.
@@ -144,6 +145,7 @@ impl Bank {
             width: width_px,
             kernels,
             noise,
+            dark: dark as f32,
             min_snr,
             flux,
             recentre: (PHASE + BELIEVED_WIDTHS * width) as f32,
@@ -158,40 +160,65 @@ impl Bank {
     /// Shift, height and background of the lines of a group from their windows; with `EXTRA` also what the model lacks, and a correction
     /// where the background slopes.
     #[inline(always)]
-    pub fn estimate<S: Simd, const EXTRA: bool>(
+    pub fn estimate<S: Simd, P: Pixel, const EXTRA: bool>(
         &self,
         simd: S,
-        windows: &[f32],
+        windows: &Windows<P>,
         lines: usize,
         out: &mut Estimates,
     ) {
-        for from in (0..lines).step_by(CHUNK) {
-            self.chunk::<S, EXTRA>(simd, windows, from, out);
+        let chunks = lines.div_ceil(CHUNK);
+        // All levels first: what each waits for overlaps.
+        let mut levels = [0; GROUP / CHUNK];
+        for (chunk, level) in levels[..chunks].iter_mut().enumerate() {
+            *level = self.level(simd, windows.chunk(chunk));
+        }
+        for (chunk, level) in levels[..chunks].iter().enumerate() {
+            self.chunk::<S, P, EXTRA>(
+                simd,
+                windows.chunk(chunk),
+                &self.kernels[*level],
+                (chunk * CHUNK, out),
+            );
         }
     }
 
+    /// The level of the filters for a chunk of lines.
     #[inline(always)]
-    fn chunk<S: Simd, const EXTRA: bool>(&self, simd: S, windows: &[f32], from: usize, out: &mut Estimates) {
-        type V<S> = f32x16<S>;
-        let splat = |v: f32| V::<S>::splat(simd, v);
-        let rows = windows.as_chunks::<GROUP>().0;
-        let load = |row: &[f32; GROUP]| V::<S>::from_slice(simd, &row[from..from + CHUNK]);
+    fn level<S: Simd, P: Pixel>(&self, simd: S, (pixels, apart): (&[P], usize)) -> usize {
+        let load = |k: usize| P::floats(simd, &pixels[k * apart..].as_chunks().0[0]);
         let noise = &self.noise;
-        let (shot, dark) = (noise.gain_e_per_dn.recip(), noise.variance(0.0, 0.0) as f32);
-        let half = self.half;
-        let middle = load(&rows[half]);
-        let edges = load(&rows[0]) + load(&rows[2 * half]);
-        let around = edges.reduce_sum() * (0.5 / CHUNK as f32);
-        let height = middle.reduce_sum() * (1.0 / CHUNK as f32) - around;
+        let (shot, dark) = (noise.gain_e_per_dn.recip(), self.dark);
+        let around = (load(0) + load(2 * self.half)).reduce_sum() * (0.5 / CHUNK as f32);
+        let height = load(self.half).reduce_sum() * (1.0 / CHUNK as f32) - around;
         let contrast = noise.speckle_contrast * noise.speckle_contrast;
         let excess = height.max(0.0) * (shot + height * contrast);
-        let kernel = &self.kernels[level(excess / (dark + around.max(0.0) * shot))];
+        level(excess / (dark + around.max(0.0) * shot))
+    }
+
+    #[inline(always)]
+    fn chunk<S: Simd, P: Pixel, const EXTRA: bool>(
+        &self,
+        simd: S,
+        (pixels, apart): (&[P], usize),
+        kernel: &Kernel,
+        (from, out): (usize, &mut Estimates),
+    ) {
+        type V<S> = f32x16<S>;
+        let splat = |v: f32| V::<S>::splat(simd, v);
+        let noise = &self.noise;
+        let (shot, dark) = (noise.gain_e_per_dn.recip(), self.dark);
+        let contrast = noise.speckle_contrast * noise.speckle_contrast;
+        let half = self.half;
+        let (first, rest) = pixels.split_at(half * apart);
+        let middle = P::floats(simd, &rest.as_chunks().0[0]);
         let mut sums = [splat(0.0); 4];
         let mut extra = [splat(0.0); 4];
         let (mut total, mut top) = (middle, middle);
-        let pairs = rows[..half].iter().rev().zip(&rows[half + 1..]);
+        let pairs = first.chunks_exact(apart).rev().zip(rest[apart..].chunks_exact(apart));
         for (((before, after), tap), more) in pairs.zip(&kernel.taps).zip(&kernel.extra) {
-            let (before, after) = (load(before), load(after));
+            let before = P::floats(simd, &before.as_chunks().0[0]);
+            let after = P::floats(simd, &after.as_chunks().0[0]);
             let (odd, even) = (after - before, after + before);
             total += even;
             top = top.max(before.max(after));

@@ -1,18 +1,30 @@
 //! Estimates at the candidates, and the verdicts on them.
 
+use std::ops::Range;
+
 use fearless_simd::Simd;
 
 use super::front::NOWHERE;
 use super::window::{GROUP, Group};
 use super::{Buffers, Engine, Job, Kind, classic};
-use crate::Pixel;
 use crate::profile::{Flags, Reject, Stripe};
+use crate::{Axis, Pixel};
 
 /// Chi-square over the two shapes that the filters lack from which a line is refined (once in a hundred thousand lines by noise), if the shift
 /// that goes with it is this many sigmas, or the logarithm of the width this large.
 const LOPSIDED: f32 = 11.5;
 const LEAN_SIGMAS: f32 = 1.0;
 const WIDENING: f32 = 0.1;
+
+/// Lines of the group that starts at `from`, counted from the region's first; the last group of columns overlaps the one before.
+pub(super) fn group_from<P: Pixel>(job: Job<'_, P>, from: usize) -> Range<usize> {
+    let lines = job.lines();
+    let first = match job.axis {
+        Axis::PerRow => from,
+        Axis::PerColumn => from.min(lines.saturating_sub(GROUP)),
+    };
+    first..(from + GROUP).min(lines)
+}
 
 impl Engine {
     /// Estimates and verdicts at the candidates of a rank; with `EXTRA` also what the model of the filters lacks.
@@ -25,39 +37,53 @@ impl Engine {
         rank: usize,
         stripe: &mut Stripe,
     ) {
+        let lines = job.lines();
+        for from in (0..lines).step_by(GROUP) {
+            let lines = group_from(job, from);
+            self.group::<S, P, EXTRA>(simd, job, buffers, (rank, lines), stripe);
+        }
+    }
+
+    /// The same for one group of lines.
+    #[inline(always)]
+    pub(super) fn group<S: Simd, P: Pixel, const EXTRA: bool>(
+        &mut self,
+        simd: S,
+        job: Job<'_, P>,
+        buffers: &mut Buffers<P>,
+        (rank, lines): (usize, Range<usize>),
+        stripe: &mut Stripe,
+    ) {
         /// Times that windows are moved to where the estimate points.
         const ROUNDS: usize = 3;
-        let lines = job.lines();
         let (_, _, length) = job.origin();
         let Buffers { front, windows } = buffers;
-        for from in (0..lines).step_by(GROUP) {
-            // The last group overlaps the one before.
-            let first = from.min(lines.saturating_sub(GROUP));
-            let count = (lines - first).min(GROUP);
-            let at = &mut front.places[rank].at[first..first + count];
-            if at.iter().all(|a| *a == NOWHERE) {
-                self.write::<P, EXTRA>(job, first, at, stripe);
-                continue;
-            }
-            for round in 0..ROUNDS {
-                let group = Group { first, at, half: self.bank.half };
-                windows.load(simd, &job.image, job.roi, job.axis, group);
-                self.bank.estimate::<S, EXTRA>(simd, &windows.value, count, &mut self.estimates);
-                if round + 1 == ROUNDS || !self.recentre(at, length) {
-                    break;
-                }
-            }
-            match job.kind {
-                Kind::Cog => {
-                    classic::centre_of_gravity(&self.bank, &windows.value, &mut self.estimates);
-                }
-                Kind::BlaisRioux => {
-                    classic::blais_rioux(&self.bank, &windows.value, &mut self.estimates);
-                }
-                Kind::Fast | Kind::Robust => {}
-            }
-            self.write::<P, EXTRA>(job, first, &front.places[rank].at[first..first + count], stripe);
+        let (first, count) = (lines.start, lines.len());
+        let at = &mut front.places[rank].at[lines];
+        if at.iter().all(|a| *a == NOWHERE) {
+            self.write::<P, EXTRA>(job, first, at, stripe);
+            return;
         }
+        for round in 0..ROUNDS {
+            let group = Group { first, at, half: self.bank.half };
+            windows.load(simd, &job.image, (job.roi, job.axis), group);
+            self.bank.estimate::<S, P, EXTRA>(simd, windows, count, &mut self.estimates);
+            if round + 1 == ROUNDS || !self.recentre(at, length) {
+                break;
+            }
+        }
+        match job.kind {
+            Kind::Cog => {
+                let values = windows.values(simd, self.bank.half);
+                classic::centre_of_gravity(&self.bank, values, &mut self.estimates);
+            }
+            Kind::BlaisRioux => {
+                let values = windows.values(simd, self.bank.half);
+                classic::blais_rioux(&self.bank, values, &mut self.estimates);
+            }
+            Kind::Fast | Kind::Robust => {}
+        }
+        self.write::<P, EXTRA>(job, first, at, stripe);
     }
 
     /// Moves the places whose stripe lies too far beside; true where one moved.

@@ -2,7 +2,8 @@
 //!
 //! | step | module |
 //! |---|---|
-//! | candidates: block maxima, what stands out of them | `front` |
+//! | block maxima, at the speed of a read | `maxima` |
+//! | candidates: what stands out of them | `front`, `rows`, `columns` |
 //! | windows around them, one register an offset of many lines | `window` |
 //! | shift, height, background, sigma: matched filters | `fir` |
 //! | centre of gravity, Blais and Rioux: for comparison | `classic` |
@@ -13,18 +14,22 @@
 //! Every step works on vectors of a fixed number of pixels and in IEEE operations of a fixed order, so that all processors give the same
 //! bits; [`Level`] chooses the instructions at run time.
 
+mod aligned;
 pub(crate) mod classic;
+mod columns;
 pub(crate) mod fir;
 mod front;
 mod gate;
 pub(crate) mod lanes;
+mod maxima;
 mod measure;
 mod robust;
+mod rows;
 #[cfg(test)]
 mod tests;
 mod window;
 
-use fearless_simd::{Level, dispatch};
+use fearless_simd::{Level, Simd, dispatch};
 
 use crate::profile::Stripe;
 use crate::{Axis, NoiseModel, Pixel, Roi, View};
@@ -32,8 +37,9 @@ use fir::{Bank, Estimates};
 use front::{Front, Wanted};
 use gate::Gate;
 pub use gate::Tracking;
+use measure::group_from;
 use robust::Second;
-use window::Windows;
+use window::{GROUP, Windows};
 
 /// What the kernels must know of stripe and camera, and what decides.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -159,13 +165,36 @@ impl Engine {
     #[inline(never)]
     fn region<P: Pixel>(&mut self, job: Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
         let level = self.level;
-        let second = (job.kind == Kind::Robust).then_some(self.model.noise);
-        let wanted = Wanted { axis: job.axis, width_px: self.model.width_px, second };
-        dispatch!(level, simd => buffers.front.search(simd, &job.image, job.roi, wanted));
         if job.kind == Kind::Robust {
+            dispatch!(level, simd => self.first::<_, P, true>(simd, job, buffers, stripe));
             self.robust(job, buffers, stripe);
         } else {
-            dispatch!(level, simd => self.measure::<_, P, false>(simd, job, buffers, 0, stripe));
+            dispatch!(level, simd => self.first::<_, P, false>(simd, job, buffers, stripe));
+        }
+    }
+
+    /// Candidates and estimates at the strongest: of rows group by group, while their pixels are at hand.
+    #[inline(always)]
+    fn first<S: Simd, P: Pixel, const EXTRA: bool>(
+        &mut self,
+        simd: S,
+        job: Job<'_, P>,
+        buffers: &mut Buffers<P>,
+        stripe: &mut Stripe,
+    ) {
+        let second = EXTRA.then_some(self.model.noise);
+        let wanted = Wanted { width_px: self.model.width_px, second };
+        let lines = job.lines();
+        buffers.front.reset(lines);
+        if job.axis == Axis::PerColumn {
+            buffers.front.columns(simd, &job.image, job.roi, wanted);
+            self.measure::<S, P, EXTRA>(simd, job, buffers, 0, stripe);
+            return;
+        }
+        for from in (0..lines).step_by(GROUP) {
+            let rows = group_from(job, from);
+            buffers.front.rows(simd, &job.image, job.roi, wanted, rows.clone());
+            self.group::<S, P, EXTRA>(simd, job, buffers, (0, rows), stripe);
         }
     }
 }
@@ -178,5 +207,5 @@ pub fn brightest<P: Pixel>(image: &View<'_, P>) -> f32 {
 
 pub(crate) fn brightest_pixel<P: Pixel>(image: &View<'_, P>) -> f32 {
     let level = Level::new();
-    dispatch!(level, simd => front::read(simd, image, image.bounds())).dn()
+    dispatch!(level, simd => maxima::read(simd, image, image.bounds())).dn()
 }

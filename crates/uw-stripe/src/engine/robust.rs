@@ -49,14 +49,13 @@ impl Default for Second {
 }
 
 impl Engine {
-    /// Measures both candidates of each line, takes the ones that make a stripe and refines what needs it.
+    /// Once the first candidates are measured: measures the second, takes the ones that make a stripe and refines what needs it.
     pub(super) fn robust<P: Pixel>(
         &mut self,
         job: Job<'_, P>,
         buffers: &mut Buffers<P>,
         stripe: &mut Stripe,
     ) {
-        self.extended(job, buffers, 0, stripe);
         if buffers.front.places[1].at.iter().any(|a| *a != NOWHERE) {
             self.second_say(job, buffers, stripe);
         }

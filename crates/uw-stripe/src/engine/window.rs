@@ -2,8 +2,9 @@
 
 use fearless_simd::{Select, Simd, SimdBase};
 
+use super::aligned::Aligned;
 use super::front::NOWHERE;
-use super::lanes::MOST_LANES;
+use super::lanes::{CHUNK, MOST_LANES};
 use crate::{Axis, Pixel, Roi, View};
 
 /// Lines a group.
@@ -13,11 +14,15 @@ const SPREAD: u32 = 63;
 /// Pixels of a row that are turned at a time.
 const TURNED: usize = 16;
 
-/// Windows of a group: offset k of line l is `value[k * GROUP + l]`, k = 0 the first.
+/// Windows of a group.
 #[derive(Debug, Default)]
 pub(crate) struct Windows<P> {
-    raw: Vec<P>,
-    pub value: Vec<f32>,
+    raw: Aligned<P>,
+    /// Elements from a chunk of lines to the next, and from an offset to the next.
+    chunk: usize,
+    offset: usize,
+    /// See [`Self::values`].
+    value: Vec<f32>,
 }
 
 /// Which lines, and how far around their places.
@@ -34,17 +39,30 @@ pub(crate) struct Group<'a> {
 impl<P: Pixel> Windows<P> {
     /// Copies the windows; the image's border is repeated beyond it. Lines without a place get that of another.
     #[inline(always)]
-    pub fn load<S: Simd>(&mut self, simd: S, image: &View<'_, P>, roi: Roi, axis: Axis, group: Group<'_>) {
+    pub fn load<S: Simd>(
+        &mut self,
+        simd: S,
+        image: &View<'_, P>,
+        (roi, axis): (Roi, Axis),
+        group: Group<'_>,
+    ) {
         let taps = 2 * group.half + 1;
-        if self.value.len() != taps * GROUP {
-            // Room for what is turned at a time, and for what is shifted into place.
-            self.raw.clear();
-            self.raw.resize((taps + SPREAD as usize) * GROUP, P::ZERO);
-            self.value.clear();
-            self.value.resize(taps * GROUP, 0.0);
+        // Room for what is turned at a time, and for what is shifted into place.
+        let room = (taps + SPREAD as usize).next_multiple_of(TURNED) * GROUP;
+        if self.raw.len() != room {
+            self.raw.resize(room);
         }
+        (self.chunk, self.offset) = match axis {
+            Axis::PerRow => (taps.next_multiple_of(TURNED) * CHUNK, CHUNK),
+            Axis::PerColumn => (CHUNK, GROUP),
+        };
         match axis {
-            Axis::PerRow => self.rows(simd, image, roi, group),
+            Axis::PerRow => {
+                for (first, at) in (group.first..).step_by(CHUNK).zip(group.at.chunks(CHUNK)) {
+                    let chunk = (first - group.first) / CHUNK;
+                    self.rows(simd, image, roi, (Group { first, at, ..group }, chunk));
+                }
+            }
             Axis::PerColumn if group.at.len() < GROUP => {
                 self.columns_one_by_one(image, roi, group, 0..group.at.len());
             }
@@ -54,22 +72,39 @@ impl<P: Pixel> Windows<P> {
                 }
             }
         }
-        for (value, raw) in self.value.iter_mut().zip(&self.raw) {
-            *value = raw.dn();
-        }
     }
 
-    /// Turns the rows' windows, some pixels of all rows at a time: to interleave the first half of a matrix with its second moves the highest
-    /// bit of every element's index to the lowest place, and once for every bit of the row's number makes columns of rows.
+    /// The grey values of a chunk of lines, and how far apart they are at successive offsets: those of 16 lines follow each other.
     #[inline(always)]
-    fn rows<S: Simd>(&mut self, simd: S, image: &View<'_, P>, roi: Roi, group: Group<'_>) {
-        const SIZE: usize = TURNED * GROUP;
-        let taps = 2 * group.half + 1;
-        let (mut here, mut next) = ([P::ZERO; SIZE], [P::ZERO; SIZE]);
-        for (from, out) in (0..taps).step_by(TURNED).zip(self.raw.chunks_exact_mut(SIZE)) {
+    pub fn chunk(&self, chunk: usize) -> (&[P], usize) {
+        (&self.raw[chunk * self.chunk..], self.offset)
+    }
+
+    /// Grey values in DN of all lines, [`GROUP`] at each offset.
+    #[inline(always)]
+    pub fn values<S: Simd>(&mut self, simd: S, half: usize) -> &[f32] {
+        self.value.resize((2 * half + 1) * GROUP, 0.0);
+        for (k, out) in self.value.as_chunks_mut::<GROUP>().0.iter_mut().enumerate() {
+            for (chunk, out) in out.as_chunks_mut::<CHUNK>().0.iter_mut().enumerate() {
+                let values = &self.raw[chunk * self.chunk + k * self.offset..].as_chunks().0[0];
+                P::floats(simd, values).store_slice(out);
+            }
+        }
+        &self.value
+    }
+
+    /// Turns the windows of a chunk of rows, some pixels of all of them at a time: to interleave the first half of a matrix with its second
+    /// moves the highest bit of every element's index to the lowest place, and once for every bit of the row's number makes columns of rows.
+    #[inline(always)]
+    fn rows<S: Simd>(&mut self, simd: S, image: &View<'_, P>, roi: Roi, (group, chunk): (Group<'_>, usize)) {
+        const SIZE: usize = TURNED * CHUNK;
+        let raw = self.raw[chunk * self.chunk..][..self.chunk].as_chunks_mut::<SIZE>().0;
+        let (pixels, stride) = image.starting_at(roi.x, roi.y + group.first);
+        for (out, from) in raw.iter_mut().zip((0..).step_by(TURNED)) {
+            let mut here = [P::ZERO; SIZE];
             for ((lane, &at), window) in group.at.iter().enumerate().zip(here.as_chunks_mut::<TURNED>().0) {
                 let at = if at == NOWHERE { 0 } else { at as usize } + from;
-                let row = &image.row(roi.y + group.first + lane)[roi.x..roi.x + roi.width];
+                let row = &pixels[lane * stride..][..roi.width];
                 let inside = at.checked_sub(group.half).and_then(|from| row.get(from..from + TURNED));
                 if let Some(inside) = inside {
                     window.copy_from_slice(inside);
@@ -79,11 +114,7 @@ impl<P: Pixel> Windows<P> {
                     }
                 }
             }
-            for _ in 0..GROUP.ilog2() / 2 {
-                riffle(simd, &here, &mut next);
-                riffle(simd, &next, &mut here);
-            }
-            out.copy_from_slice(&here);
+            turn(simd, &here, out);
         }
     }
 
@@ -153,15 +184,24 @@ impl<P: Pixel> Windows<P> {
     }
 }
 
-/// Interleaves the first half of some pixels with the second.
+/// A square matrix turned.
 #[inline(always)]
-fn riffle<S: Simd, P: Pixel>(simd: S, from: &[P], to: &mut [P]) {
-    let (first, second) = from.split_at(from.len() / 2);
-    for ((a, b), out) in
-        first.chunks_exact(P::N).zip(second.chunks_exact(P::N)).zip(to.chunks_exact_mut(2 * P::N))
-    {
-        let (low, high) = P::V::<S>::from_slice(simd, a).interleave(P::V::<S>::from_slice(simd, b));
-        low.store_slice(&mut out[..P::N]);
-        high.store_slice(&mut out[P::N..]);
+fn turn<S: Simd, P: Pixel>(simd: S, from: &[P; TURNED * CHUNK], to: &mut [P; TURNED * CHUNK]) {
+    /// Vectors of two bytes a pixel.
+    const MOST: usize = 8;
+    let count = TURNED * CHUNK / P::N;
+    let mut vectors = [P::V::<S>::splat(simd, P::ZERO); MOST];
+    for (vector, part) in vectors.iter_mut().zip(from.chunks_exact(P::N)) {
+        *vector = P::V::<S>::from_slice(simd, part);
+    }
+    for _ in 0..CHUNK.ilog2() {
+        let mut next = vectors;
+        for i in 0..count / 2 {
+            (next[2 * i], next[2 * i + 1]) = vectors[i].interleave(vectors[i + count / 2]);
+        }
+        vectors = next;
+    }
+    for (vector, part) in vectors.iter().zip(to.chunks_exact_mut(P::N)) {
+        vector.store_slice(part);
     }
 }

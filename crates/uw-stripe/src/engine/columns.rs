@@ -1,0 +1,217 @@
+//! Candidates of columns: for a vector of columns at a time, the block that stands highest out of those above and below, and the row in it.
+
+use fearless_simd::{Select, Simd, SimdBase, SimdInt, SimdMask};
+
+use super::front::{Blocks, Front, NOWHERE, Wanted, least_second, least_second_in_the_dark};
+use super::lanes::MOST_LANES;
+use super::maxima::{Layout, maxima, maxima_of_few};
+use crate::{Pixel, Roi, View};
+
+impl<P: Pixel> Front<P> {
+    /// Finds the candidates of all columns.
+    #[inline(always)]
+    pub fn columns<S: Simd>(&mut self, simd: S, image: &View<'_, P>, roi: Roi, wanted: Wanted) {
+        let blocks = Blocks::new(roi);
+        if roi.width < P::N {
+            self.map.resize(blocks.count * roi.width);
+            for block in 0..blocks.count {
+                let map = &mut self.map[block * roi.width..(block + 1) * roi.width];
+                maxima_of_few(image, roi, blocks.range(block), map);
+            }
+            self.few_columns(image, blocks, wanted);
+            return;
+        }
+        // All blocks of a vector of columns one after the other.
+        let strips = roi.width.div_ceil(P::N);
+        let layout = Layout { apart: blocks.count * P::N, last: (strips - 1) * blocks.count * P::N };
+        self.map.resize(strips * layout.apart);
+        for block in 0..blocks.count {
+            maxima(simd, image, roi, blocks.range(block), (&mut self.map[block * P::N..], layout));
+        }
+        for strip in 0..strips {
+            self.strip(simd, image, blocks, wanted, strip);
+        }
+    }
+
+    #[inline(always)]
+    fn strip<S: Simd>(&mut self, simd: S, image: &View<'_, P>, blocks: Blocks, wanted: Wanted, strip: usize) {
+        let reach = reach(wanted, blocks);
+        let splat = |v: P| P::V::<S>::splat(simd, v);
+        let none = splat(P::MAX);
+        let map = &self.map[strip * blocks.count * P::N..(strip + 1) * blocks.count * P::N];
+        let Some(noise) = wanted.second else {
+            let mut best = Best::<S, P>::new(simd, P::ZERO);
+            contrasts(simd, map, reach, |number, contrast| best.see(number, contrast));
+            self.locate(simd, image, blocks, strip, 0, best.place);
+            return;
+        };
+        // What is bright enough for a second candidate nearly always lies next to the first: then there is none.
+        let dark = splat(P::from_dn(least_second_in_the_dark(&noise)));
+        let (mut best, mut first, mut last) = (Best::<S, P>::new(simd, P::ZERO), none, splat(P::ZERO));
+        contrasts(simd, map, reach, |number, contrast| {
+            best.see(number, contrast);
+            let bright = contrast.simd_gt(dark);
+            first = first.min(bright.select(number, none));
+            last = bright.select(number, last);
+        });
+        let strongest = best.place;
+        let one = splat(P::from_index(1));
+        let above = strongest.saturating_sub(first).simd_gt(one);
+        if above.any_true() || last.saturating_sub(strongest).simd_gt(one).any_true() {
+            let least = P::from_dn(least_second(&noise, &self.map));
+            let map = &self.map[strip * blocks.count * P::N..(strip + 1) * blocks.count * P::N];
+            let mut best = Best::<S, P>::new(simd, least);
+            contrasts(simd, map, reach, |number, contrast| {
+                // A neighbour of the strongest is its other part.
+                let apart = (number.max(strongest) - number.min(strongest)).simd_gt(one);
+                best.see(number, apart.select(contrast, splat(P::ZERO)));
+            });
+            self.locate(simd, image, blocks, strip, 1, best.place);
+        }
+        self.locate(simd, image, blocks, strip, 0, strongest);
+    }
+
+    /// Rows of the maxima within the blocks chosen, for a vector of columns; the first of equals.
+    #[inline(always)]
+    fn locate<S: Simd>(
+        &mut self,
+        simd: S,
+        image: &View<'_, P>,
+        blocks: Blocks,
+        strip: usize,
+        rank: usize,
+        place: P::V<S>,
+    ) {
+        let x = (strip * P::N).min(blocks.roi.width - P::N);
+        let none = P::V::<S>::splat(simd, P::MAX);
+        // Wraps for those that have no place, which then are the least.
+        let one = P::V::<S>::splat(simd, P::from_index(1));
+        let (low, high) = (place.reduce_min(), (place + one).reduce_max());
+        let out = &mut self.places[rank].at[x..x + P::N];
+        if low == P::MAX {
+            return;
+        }
+        for block in low.index()..high.index() {
+            let mine = place.simd_eq(P::V::<S>::splat(simd, P::from_index(block as u8)));
+            if !mine.any_true() {
+                continue;
+            }
+            let block = block as usize;
+            let best =
+                P::V::<S>::from_slice(simd, &self.map[(strip * blocks.count + block) * P::N..][..P::N]);
+            let range = blocks.range(block);
+            let (pixels, stride) = image.starting_at(blocks.roi.x + x, blocks.roi.y + range.start);
+            // Blocks of very tall images have more rows than a byte can number: parts of them.
+            let most = P::MAX.index().min(255) as usize;
+            for part in (0..range.len()).step_by(most).rev() {
+                let mut row = none;
+                for r in (part..(part + most).min(range.len())).rev() {
+                    let here = P::V::<S>::from_slice(simd, &pixels[r * stride..][..P::N]);
+                    let number = P::V::<S>::splat(simd, P::from_index((r - part) as u8));
+                    row = here.simd_eq(best).select(number, row);
+                }
+                let row = mine.select(row, none);
+                let mut rows = [P::MAX; MOST_LANES];
+                row.store_slice(&mut rows[..P::N]);
+                for (at, r) in out.iter_mut().zip(rows) {
+                    *at = if r == P::MAX { *at } else { (range.start + part) as u32 + r.index() };
+                }
+            }
+        }
+    }
+
+    /// The same for regions narrower than a vector.
+    fn few_columns(&mut self, image: &View<'_, P>, blocks: Blocks, wanted: Wanted) {
+        let Blocks { roi, count, .. } = blocks;
+        let reach = reach(wanted, blocks);
+        let least = wanted.second.map(|noise| P::from_dn(least_second(&noise, &self.map)));
+        for x in 0..roi.width {
+            let map = |block: usize| (block < count).then(|| self.map[block * roi.width + x]);
+            let contrast = |block: usize| {
+                let here = self.map[block * roi.width + x];
+                here - here.min(around(block.checked_sub(reach).and_then(map), map(block + reach)))
+            };
+            let mut strongest = None::<usize>;
+            for rank in 0..2 {
+                let mut best = (P::ZERO, None);
+                if rank == 1 {
+                    let Some(least) = least else { break };
+                    best.0 = least;
+                }
+                for block in (0..count).filter(|b| strongest.is_none_or(|s| b.abs_diff(s) > 1)) {
+                    let contrast = contrast(block);
+                    if contrast > best.0 {
+                        best = (contrast, Some(block));
+                    }
+                }
+                let Some(block) = best.1 else { break };
+                strongest = Some(block);
+                let top = self.map[block * roi.width + x];
+                let row = blocks.range(block).find(|y| image.row(roi.y + y)[roi.x + x] == top);
+                self.places[rank].at[x] = row.map_or(NOWHERE, |y| y as u32);
+            }
+        }
+    }
+}
+
+/// Blocks to either side in which a stripe of the block between does not show.
+fn reach(wanted: Wanted, blocks: Blocks) -> usize {
+    1 + (6.0 * wanted.width_px / blocks.rows as f32).ceil() as usize
+}
+
+/// The smaller of two neighbours' maxima, or that of the one there is.
+fn around<P: Pixel>(before: Option<P>, after: Option<P>) -> P {
+    match (before, after) {
+        (Some(a), Some(b)) => a.min(b),
+        (one, other) => one.or(other).unwrap_or(P::ZERO),
+    }
+}
+
+/// What stands highest so far, and the number of its block; the first of equals.
+struct Best<S: Simd, P: Pixel> {
+    height: P::V<S>,
+    place: P::V<S>,
+}
+
+impl<S: Simd, P: Pixel> Best<S, P> {
+    #[inline(always)]
+    fn new(simd: S, least: P) -> Self {
+        Self { height: P::V::<S>::splat(simd, least), place: P::V::<S>::splat(simd, P::MAX) }
+    }
+
+    #[inline(always)]
+    fn see(&mut self, number: P::V<S>, contrast: P::V<S>) {
+        self.place = contrast.simd_gt(self.height).select(number, self.place);
+        self.height = self.height.max(contrast);
+    }
+}
+
+/// How far each block of a vector of columns stands out of those a reach away, with its number, in their order; of two such blocks the lower
+/// counts, or the one there is.
+#[inline(always)]
+fn contrasts<S: Simd, P: Pixel>(simd: S, map: &[P], reach: usize, mut see: impl FnMut(P::V<S>, P::V<S>)) {
+    let count = map.len() / P::N;
+    let one = P::V::<S>::splat(simd, P::from_index(1));
+    let mut number = P::V::<S>::splat(simd, P::ZERO);
+    let load = |v: &[P]| P::V::<S>::from_slice(simd, v);
+    let beyond = |blocks: usize| (blocks * P::N).min(map.len());
+    let vectors =
+        |blocks: std::ops::Range<usize>| map[beyond(blocks.start)..beyond(blocks.end)].chunks_exact(P::N);
+    // The first ones have none before, the last none after; where there are few some have neither.
+    let mut later = vectors(reach..count);
+    for here in vectors(0..reach) {
+        let here = load(here);
+        see(number, later.next().map_or(here, |after| here.saturating_sub(load(after))));
+        number += one;
+    }
+    let middle = count.saturating_sub(reach).max(reach);
+    let both = vectors(reach..middle).zip(vectors(0..count)).zip(later);
+    for ((here, before), after) in both {
+        see(number, load(here).saturating_sub(load(before).min(load(after))));
+        number += one;
+    }
+    for (here, before) in vectors(middle..count).zip(vectors(middle - reach..count)) {
+        see(number, load(here).saturating_sub(load(before)));
+        number += one;
+    }
+}

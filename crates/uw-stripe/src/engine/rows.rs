@@ -1,0 +1,250 @@
+//! Candidates of rows: what stands out of a block's maxima, then each row's maximum around it.
+
+use std::ops::Range;
+
+use fearless_simd::{Simd, SimdBase, SimdInt, SimdMask};
+
+use super::front::{Front, Wanted, brightest, least_second, least_second_in_the_dark, position};
+use super::lanes::MOST_LANES;
+use super::maxima::{Layout, ROWS, maxima, maxima_of_few};
+use crate::{Pixel, Roi, View};
+
+/// Pixels added on either side of what stands out.
+const MARGIN: usize = 4;
+/// Pixels on which steep stripes count as one: 16 rows at slope 3.
+const STEEP: usize = 24;
+/// Pixels that one comparison covers on either side of a peak.
+const ARM: usize = 32;
+/// Longest span of which places are numbered by a byte.
+const NUMBERED: usize = 256;
+
+/// 255, 254, …: of equal values the first has the largest key.
+const NUMBERS: [u8; MOST_LANES] = {
+    let mut numbers = [0; MOST_LANES];
+    let mut i = 0;
+    while i < MOST_LANES {
+        numbers[i] = (NUMBERED - 1 - i) as u8;
+        i += 1;
+    }
+    numbers
+};
+
+impl<P: Pixel> Front<P> {
+    /// Finds the candidates of some rows, counted from the region's first.
+    #[inline(always)]
+    pub fn rows<S: Simd>(
+        &mut self,
+        simd: S,
+        image: &View<'_, P>,
+        roi: Roi,
+        wanted: Wanted,
+        rows: Range<usize>,
+    ) {
+        let reach = (3.5 * wanted.width_px).ceil() as usize + STEEP;
+        // Whole vectors, so that maxima lie as the image does.
+        let pad = reach.max(ARM).next_multiple_of(MOST_LANES);
+        let size = roi.width + 2 * pad;
+        if self.contrast.len() != size || self.map.len() != size {
+            self.map.resize(size);
+            self.contrast.resize(size);
+        }
+        if rows.start == 0 {
+            // Beyond the border lies what never is the smaller of two.
+            self.map.fill(P::MAX);
+            self.contrast.fill(P::ZERO);
+        }
+        for first in rows.clone().step_by(ROWS) {
+            let block = first..(first + ROWS).min(rows.end);
+            self.block(simd, image, roi, (wanted, reach, pad), block);
+        }
+    }
+
+    /// True for as many pixels a row as [`Self::rows_nearby`] can number.
+    pub fn numbers(width: usize) -> bool {
+        (P::N..=NUMBERED).contains(&width)
+    }
+
+    /// The candidates of all rows of a region that holds nothing but the stripe's surroundings: each row's maximum.
+    #[inline(always)]
+    pub fn rows_nearby<S: Simd>(&mut self, simd: S, image: &View<'_, P>, roi: Roi) {
+        for (first, places) in (0..).step_by(ROWS).zip(self.places[0].at.chunks_mut(ROWS)) {
+            let found = tops(simd, image.starting_at(roi.x, roi.y + first), roi.width, places.len());
+            places.copy_from_slice(&found[..places.len()]);
+        }
+    }
+
+    #[inline(always)]
+    fn block<S: Simd>(
+        &mut self,
+        simd: S,
+        image: &View<'_, P>,
+        roi: Roi,
+        (wanted, reach, pad): (Wanted, usize, usize),
+        rows: Range<usize>,
+    ) {
+        let within = pad..pad + roi.width;
+        let (map, contrast) = (&mut self.map[..], &mut self.contrast[..]);
+        if roi.width < P::N {
+            maxima_of_few(image, roi, rows.clone(), &mut map[within.clone()]);
+        } else {
+            let layout = Layout { apart: P::N, last: roi.width - P::N };
+            maxima(simd, image, roi, rows.clone(), (&mut map[within.clone()], layout));
+        }
+        // A line too short for both sides is compared with its darkest pixel.
+        if roi.width <= 2 * reach {
+            let beyond = map[within.clone()].iter().copied().min().unwrap_or(P::ZERO);
+            map[pad - reach..pad].fill(beyond);
+            map[within.end..within.end + reach].fill(beyond);
+        }
+        let mut top = stand_out(simd, map, &mut contrast[within.clone()], (pad, reach));
+        for rank in 0..2 {
+            if rank == 1 {
+                let Some(noise) = wanted.second else { return };
+                top = brightest(simd, &contrast[within.clone()]);
+                // The usual level is looked for only where it matters.
+                if top <= P::from_dn(least_second_in_the_dark(&noise))
+                    || top <= P::from_dn(least_second(&noise, &map[within.clone()]))
+                {
+                    return;
+                }
+            }
+            if top == P::ZERO {
+                return;
+            }
+            let Some(peak) = position(simd, &contrast[within.clone()], top) else { return };
+            let (before, after) = run(simd, contrast, pad + peak, P::from_dn(0.25 * top.dn()));
+            let from = (peak - before.min(peak)).saturating_sub(MARGIN);
+            let to = (peak + after + MARGIN).min(roi.width);
+            // At least a vector, where there is one.
+            let to = to.max((from + P::N).min(roi.width));
+            let from = from.min(to.saturating_sub(P::N));
+            let places = &mut self.places[rank].at[rows.clone()];
+            let part = image.starting_at(roi.x + from, roi.y + rows.start);
+            if !Self::numbers(to - from) {
+                for (r, at) in places.iter_mut().enumerate() {
+                    let row = &part.0[r * part.1..][..to - from];
+                    let top = brightest(simd, row);
+                    *at = (from + position(simd, row, top).unwrap_or(0)) as u32;
+                }
+            } else {
+                let found = tops(simd, part, to - from, rows.len());
+                for (at, found) in places.iter_mut().zip(found) {
+                    *at = from as u32 + found;
+                }
+            }
+            if wanted.second.is_some() {
+                // A second one lies apart from the first.
+                let near = pad + from.saturating_sub(reach)..pad + (to + reach).min(roi.width);
+                contrast[near].fill(P::ZERO);
+            }
+        }
+    }
+}
+
+/// What of some block maxima stands out of those a reach away on either side, and the largest of it.
+#[inline(always)]
+fn stand_out<S: Simd, P: Pixel>(simd: S, map: &[P], contrast: &mut [P], (pad, reach): (usize, usize)) -> P {
+    let width = contrast.len();
+    let (before, here, after) =
+        (&map[pad - reach..][..width], &map[pad..][..width], &map[pad + reach..][..width]);
+    if width < P::N {
+        let mut top = P::ZERO;
+        for (x, out) in contrast.iter_mut().enumerate() {
+            *out = here[x] - here[x].min(before[x].min(after[x]));
+            top = top.max(*out);
+        }
+        return top;
+    }
+    let vector = |v: &[P]| P::V::<S>::from_slice(simd, v);
+    let one = |here: &[P], before: &[P], after: &[P]| {
+        vector(here).saturating_sub(vector(before).min(vector(after)))
+    };
+    let mut top = P::V::<S>::splat(simd, P::ZERO);
+    let vectors = here.chunks_exact(P::N).zip(before.chunks_exact(P::N)).zip(after.chunks_exact(P::N));
+    for (((here, before), after), out) in vectors.zip(contrast.chunks_exact_mut(P::N)) {
+        let one = one(here, before, after);
+        one.store_slice(out);
+        top = top.max(one);
+    }
+    if !width.is_multiple_of(P::N) {
+        let last = width - P::N;
+        let one = one(&here[last..], &before[last..], &after[last..]);
+        one.store_slice(&mut contrast[last..]);
+        top = top.max(one);
+    }
+    top.reduce_max()
+}
+
+/// How far values above `low` go on from `peak` on, downwards without it and upwards with it; nothing is above `low` at the ends.
+#[inline(always)]
+fn run<S: Simd, P: Pixel>(simd: S, values: &[P], peak: usize, low: P) -> (usize, usize) {
+    let low_v = P::V::<S>::splat(simd, low);
+    let mut above = 0;
+    for (i, part) in values[peak - ARM..peak + ARM].chunks_exact(P::N).enumerate() {
+        above |= P::V::<S>::from_slice(simd, part).simd_gt(low_v).to_bitmask() << (i * P::N % 64);
+    }
+    let (before, after) = ((above << ARM).leading_ones() as usize, (above >> ARM).trailing_ones() as usize);
+    if before < ARM && after < ARM {
+        return (before, after);
+    }
+    let is_above = |v: &&P| **v > low;
+    (
+        values[..peak].iter().rev().take_while(is_above).count(),
+        values[peak..].iter().take_while(is_above).count(),
+    )
+}
+
+/// Place of the largest grey value in each of up to 16 rows, `span` pixels of each, at least a vector and at most what a byte numbers.
+///
+/// Each value is put above a number that tells its place. Vectors are interleaved in pairs, so that one of half of each remains, until one
+/// holds something of all rows.
+#[inline(always)]
+fn tops<S: Simd, P: Pixel>(
+    simd: S,
+    (pixels, stride): (&[P], usize),
+    span: usize,
+    rows: usize,
+) -> [u32; ROWS] {
+    let mut numbers = [P::ZERO; MOST_LANES];
+    numbers.iter_mut().zip(NUMBERS).for_each(|(to, n)| *to = P::from_index(n));
+    let numbers = P::V::<S>::from_slice(simd, &numbers[..P::N]);
+    let keys = |row: &[P], from: usize| {
+        let (low, high) = P::keys(
+            P::V::<S>::from_slice(simd, &row[from..from + P::N]),
+            numbers - P::V::<S>::splat(simd, P::from_index(from as u8)),
+        );
+        low.max(high)
+    };
+    let mut best = [P::Key::<S>::splat(simd, P::Wide::default()); ROWS];
+    for (r, best) in best.iter_mut().enumerate() {
+        // Below the last row comes the last row again.
+        let row = &pixels[r.min(rows - 1) * stride..][..span];
+        *best = keys(row, 0);
+        // Nearly always one vector or two.
+        let mut from = P::N;
+        while from < span {
+            *best = best.max(keys(row, from.min(span - P::N)));
+            from += P::N;
+        }
+    }
+    halve::<S, P, 8>(&mut best);
+    halve::<S, P, 4>(&mut best);
+    halve::<S, P, 2>(&mut best);
+    halve::<S, P, 1>(&mut best);
+    let mut lanes = [P::Wide::default(); MOST_LANES];
+    best[0].store_slice(&mut lanes[..P::N / 2]);
+    let mut tops = [0u32; ROWS];
+    for part in lanes[..P::N / 2].chunks_exact(ROWS) {
+        tops.iter_mut().zip(part).for_each(|(top, v)| *top = (*top).max((*v).into()));
+    }
+    tops.map(|key| NUMBERED as u32 - 1 - (key & (NUMBERED as u32 - 1)))
+}
+
+/// Of each of the first vectors and its partner half of them on, what is larger in either half, alternating.
+#[inline(always)]
+fn halve<S: Simd, P: Pixel, const HALF: usize>(best: &mut [P::Key<S>; ROWS]) {
+    for r in 0..HALF {
+        let (low, high) = best[r].interleave(best[r + HALF]);
+        best[r] = low.max(high);
+    }
+}
