@@ -41,6 +41,14 @@ stripe-accuracy SEEDS="4" *SCENES:
 accept SCRIPT *ARGS: build
     {{SCRIPT}} --uwscan {{justfile_directory()}}/target/release/uwscan {{ARGS}}
 
+# Recordings before readers that are not ours (Python: mcap, rosbags, pymcap-cli)
+recordings:
+    scripts/recordings.sh
+
+# Speed of recording beside that of the bare disk (or memory: /dev/shm), MB/s
+recording-speed FOLDER="/dev/shm":
+    cargo run --release --locked --package uw-io --example record_speed -- {{FOLDER}}
+
 # Compares the fixtures with their recorded hashes; `just fixtures --update` records them anew
 fixtures *FLAGS:
     fixtures/check.sh {{FLAGS}}

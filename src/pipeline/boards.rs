@@ -46,7 +46,7 @@ pub(crate) fn find<'c>(
     notes: &mut Notes,
     progress: &dyn Progress,
 ) -> Result<Boards<'c>, Error> {
-    let board = chessboard(target).map_err(|source| Error::Board { path: capture.dir.clone(), source })?;
+    let board = chessboard(target).map_err(|source| Error::Board { path: capture.path.clone(), source })?;
     let frames: Vec<&FrameRecord> = capture.present().filter(|f| !f.laser_on).collect();
     progress.begin("boards", frames.len());
     let found: Vec<Result<Result<Detection, Rejection>, uw_io::Error>> = frames
@@ -78,11 +78,11 @@ pub(crate) fn find<'c>(
     }
     if read.is_empty() && !losses.is_empty() {
         let first = Box::new(losses.swap_remove(0).error);
-        return Err(Error::NothingLeft { path: capture.dir.clone(), first });
+        return Err(Error::NothingLeft { path: capture.path.clone(), first });
     }
     notes.problems.append(&mut losses);
     let labelled = label_capture(detections, &board)
-        .map_err(|e| Error::BoardNotSeen { path: capture.dir.clone(), reason: e.to_string() })?;
+        .map_err(|e| Error::BoardNotSeen { path: capture.path.clone(), reason: e.to_string() })?;
     for (frame, detection) in std::iter::zip(read, labelled) {
         let (Ok(detection), Some(pose)) = (detection, frame.pose) else { continue };
         let corners: Vec<CornerPoint> = detection.corners.iter().map(|c| corner(&board, c)).collect();

@@ -102,7 +102,7 @@ fn look(
 ) -> Result<(Observations, Rig, Vec<CaptureSource>), Error> {
     let captures: Vec<Capture> =
         captures.iter().map(|path| open(path, settings, notes)).collect::<Result<_, _>>()?;
-    let rig_of = |c: &Capture| c.rig.clone().ok_or_else(|| Error::NoRig { path: c.dir.clone() });
+    let rig_of = |c: &Capture| c.rig.clone().ok_or_else(|| Error::NoRig { path: c.path.clone() });
     let rigs: Vec<Rig> = captures.iter().map(rig_of).collect::<Result<_, _>>()?;
     let Some(rig) = rigs.first().cloned() else {
         return Err(CalibError::TooFewPoses { needed: 3, got: 0 }.into());
@@ -110,14 +110,18 @@ fn look(
     let size = |r: &Rig| [r.camera.width, r.camera.height];
     for (capture, other) in std::iter::zip(&captures, &rigs) {
         if size(other) != size(&rig) {
-            return Err(Error::ImageSize { path: capture.dir.clone(), needed: size(&rig), got: size(other) });
+            return Err(Error::ImageSize {
+                path: capture.path.clone(),
+                needed: size(&rig),
+                got: size(other),
+            });
         }
     }
 
     let sources = captures.iter().map(source).collect::<Result<Vec<_>, _>>()?;
     for (i, (capture, own)) in std::iter::zip(&captures, &sources).enumerate() {
         if let Some(k) = sources[..i].iter().position(|other| other.sha256 == own.sha256) {
-            return Err(Error::Twice { path: capture.dir.clone(), other: captures[k].dir.clone() });
+            return Err(Error::Twice { path: capture.path.clone(), other: captures[k].path.clone() });
         }
     }
 
@@ -180,21 +184,21 @@ fn open(path: &Path, settings: &Settings, notes: &mut Notes) -> Result<Capture, 
 /// What a calibration file says of a capture that it came from.
 fn source(capture: &Capture) -> Result<CaptureSource, uw_io::Error> {
     Ok(CaptureSource {
-        name: capture.dir.display().to_string(),
+        name: capture.path.display().to_string(),
         sha256: capture.content_hash()?,
         medium: capture.medium,
     })
 }
 
 fn wrong_kind(capture: &Capture) -> Error {
-    Error::Kind { path: capture.dir.clone(), needed: "calibration", got: "scan" }
+    Error::Kind { path: capture.path.clone(), needed: "calibration", got: "scan" }
 }
 
 fn outside(capture: &Capture, rig: &Rig) -> Result<Outside, Error> {
     match capture.medium {
         Medium::Air => Ok(Outside::Air),
         Medium::Water => {
-            let unknown = || Error::NoWaterIndex { path: capture.dir.clone() };
+            let unknown = || Error::NoWaterIndex { path: capture.path.clone() };
             let laser_index = rig.water_index().ok_or_else(unknown)?;
             let lit = capture.target.as_ref().and_then(|t| t.wavelength_nm);
             let board_index = lit.and_then(|nm| rig.water_index_at(nm)).unwrap_or(laser_index);

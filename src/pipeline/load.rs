@@ -18,13 +18,12 @@ impl Reading {
 
     /// The image of a frame as a stripe shows best in it.
     pub(crate) fn stripe(&self, capture: &Capture, frame: &FrameRecord) -> Result<GrayImage, uw_io::Error> {
-        let path = capture.image_path(frame);
-        uw_io::images::read(&path, Reduce::Wavelength(self.wavelength_nm), self.expect)
+        capture.image(frame, Reduce::Wavelength(self.wavelength_nm), self.expect)
     }
 
     /// The image of a frame as the target shows best in it.
     pub(crate) fn board(&self, capture: &Capture, frame: &FrameRecord) -> Result<GrayImage, uw_io::Error> {
-        uw_io::images::read(&capture.image_path(frame), Reduce::Luma, self.expect)
+        capture.image(frame, Reduce::Luma, self.expect)
     }
 }
 

@@ -137,11 +137,11 @@ fn points(
     let mut capture = Capture::open_noting(path, None, &mut notes.problems)?;
     notes.problems.extend(capture.take_problems());
     if capture.kind != Kind::Scan {
-        let path = capture.dir.clone();
+        let path = capture.path.clone();
         return Err(Error::Kind { path, needed: "scan", got: "calibration" });
     }
     if !capture.frames.iter().any(|frame| frame.laser_on) {
-        return Err(Error::LaserOff { path: capture.dir.clone() });
+        return Err(Error::LaserOff { path: capture.path.clone() });
     }
     let medium = medium(&capture, calibration, settings, &mut notes.warnings)?;
     let tracer = Tracer { calibration, refraction: settings.refraction, medium };
@@ -209,13 +209,13 @@ fn points(
     }
     if used == 0 && !losses.is_empty() {
         let first = Box::new(losses.swap_remove(0).error);
-        return Err(Error::NothingLeft { path: capture.dir, first });
+        return Err(Error::NothingLeft { path: capture.path, first });
     }
     losses.append(&mut backgrounds);
     notes.problems.append(&mut losses);
     let points = believed(&tracer, images, &mut rejected, &mut spent);
     if points.is_empty() {
-        return Err(Error::NoPoint { path: capture.dir, frames: used, rejected });
+        return Err(Error::NoPoint { path: capture.path, frames: used, rejected });
     }
     let mut cloud = PointCloud::from_points(Frame::Camera, &points);
     if settings.frame == Frame::Galvo {
@@ -308,7 +308,7 @@ fn medium(
     settings: &Settings,
     warnings: &mut Vec<String>,
 ) -> Result<Medium, Error> {
-    let dir = capture.dir.display();
+    let dir = capture.path.display();
     let given = settings.water != WaterIndex::Calibrated;
     if settings.medium.unwrap_or(capture.medium) == uw_io::Medium::Air {
         if given {
@@ -331,7 +331,7 @@ fn medium(
         WaterIndex::Calibrated => {
             let of_scan = capture.rig.as_ref().and_then(Rig::water_index);
             let nominal = of_scan.or(file.calibration.nominal_water_index).or_else(|| file.rig.water_index());
-            let unknown = || Error::NoWaterIndex { path: capture.dir.clone() };
+            let unknown = || Error::NoWaterIndex { path: capture.path.clone() };
             file.calibration.water(nominal.ok_or_else(unknown)?)
         }
     };

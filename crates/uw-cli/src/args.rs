@@ -6,7 +6,7 @@ use clap::{
     Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum, error::ErrorKind,
 };
 
-use crate::commands::{calibrate, completions, fit, info, man, mesh, reconstruct};
+use crate::commands::{calibrate, completions, convert, fit, info, man, mesh, reconstruct, recover};
 
 /// Underwater laser-line scanning: calibration, exact refraction, point clouds and measurements.
 ///
@@ -77,6 +77,10 @@ pub enum Command {
     Mesh(mesh::Args),
     /// Say what a file or capture folder holds, and whether it is sound
     Info(info::Args),
+    /// Write a capture, cloud or calibration in another format
+    Convert(convert::Args),
+    /// Make a whole recording of one that was cut off or damaged, and say what is missing
+    Recover(recover::Args),
     /// Print a shell's completion script
     Completions(completions::Args),
     /// Print the manual page (roff): uwscan man | man -l -

@@ -30,12 +30,24 @@ pub fn write(
     overwrite: Overwrite,
     fill: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<(), Error> {
+    write_through(path, overwrite, |out| fill(out).map_err(Error::file(path, "write")))
+}
+
+/// As [`write()`], where `fill` says itself what failed; what it returns.
+///
+/// # Errors
+/// As [`write()`].
+pub fn write_through<T>(
+    path: &Path,
+    overwrite: Overwrite,
+    fill: impl FnOnce(&mut dyn Write) -> Result<T, Error>,
+) -> Result<T, Error> {
     check(path, overwrite)?;
     let folder = folder(path);
     let failed = |action| Error::file(path, action);
     let mut temporary = temporary(folder)?;
     let mut buffer = BufWriter::with_capacity(1 << 18, temporary.as_file_mut());
-    fill(&mut buffer).map_err(failed("write"))?;
+    let filled = fill(&mut buffer)?;
     buffer.flush().map_err(failed("write"))?;
     drop(buffer);
     temporary.as_file().sync_all().map_err(failed("write"))?;
@@ -55,7 +67,7 @@ pub fn write(
     if let Ok(folder) = fs::File::open(folder) {
         let _ = folder.sync_all();
     }
-    Ok(())
+    Ok(filled)
 }
 
 /// Whether an output can be written, as far as that can be told before the work that makes it: its folder is there and

@@ -31,6 +31,10 @@ impl Place {
     pub(crate) fn key(self, key: &str) -> Self {
         Self { key: Some(key.to_owned()), ..self }
     }
+
+    pub(crate) fn key_below(self, key: &str) -> Self {
+        Self { key: Some(self.key.map_or_else(|| key.to_owned(), |above| format!("{above}: {key}"))), ..self }
+    }
 }
 
 impl fmt::Display for Place {
@@ -228,7 +232,7 @@ pub enum Severity {
 pub struct Problem {
     /// What it costs.
     pub severity: Severity,
-    /// The 0-based data row of frames.csv that is lost; `None` unless this is about one frame.
+    /// The 0-based data row of frames.csv, or number in the recording, that is lost; `None` unless this is about one frame.
     pub row: Option<usize>,
     /// What is wrong, where, and how to mend it.
     pub error: Error,
@@ -243,6 +247,11 @@ impl Problem {
     /// The loss of one frame: its image is missing or unreadable.
     pub fn loss(row: usize, error: Error) -> Self {
         Self { severity: Severity::Loss, row: Some(row), error }
+    }
+
+    /// The loss of what is no single frame: a part of a recording.
+    pub fn lost(error: Error) -> Self {
+        Self { severity: Severity::Loss, row: None, error }
     }
 }
 

@@ -191,7 +191,7 @@ impl Rows<'_> {
 }
 
 /// Why a path may not be followed; `None` where it stays below the capture folder.
-fn escapes(file: &str) -> Option<&'static str> {
+pub(crate) fn escapes(file: &str) -> Option<&'static str> {
     // A drive's letter and a backslash are an absolute path to the system that wrote them, whichever reads it.
     let drive = matches!(file.as_bytes(), [letter, b':', ..] if letter.is_ascii_alphabetic());
     let mut names = 0;

@@ -2,7 +2,7 @@
 
 use std::{fs, io::Cursor, path::Path};
 
-use image::{DynamicImage, ImageError, ImageReader};
+use image::{DynamicImage, ImageError, ImageFormat, ImageReader};
 
 use crate::error::{Error, SaidBy};
 
@@ -36,6 +36,33 @@ pub struct GrayImage {
     pub data: Pixels,
     /// The largest value that a pixel can have, which a saturated one has.
     pub full_scale: u16,
+}
+
+/// A format of image files that is kept as it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum FileFormat {
+    Png,
+    Jpeg,
+}
+
+impl FileFormat {
+    /// The format of a file's bytes; `None` where it is another.
+    pub fn of_bytes(bytes: &[u8]) -> Option<Self> {
+        if bytes.starts_with(b"\x89PNG\r\n\x1a\n") {
+            Some(Self::Png)
+        } else {
+            bytes.starts_with(b"\xff\xd8").then_some(Self::Jpeg)
+        }
+    }
+}
+
+/// An image as it is stored.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Stored {
+    /// The bytes of a file.
+    File { format: FileFormat, bytes: Vec<u8> },
+    /// Values.
+    Grey(GrayImage),
 }
 
 /// What is known of a camera's images before one is read.
@@ -81,19 +108,7 @@ pub fn decode(bytes: &[u8], path: &Path, reduce: Reduce, expect: Option<Expect>)
     if bytes.starts_with(b"\xff\xd8") && !jpeg_ends(bytes) {
         return Err(damaged(path, "the JPEG data end too early"));
     }
-    let mut reader =
-        ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(Error::file(path, "read"))?;
-    let mut limits = image::Limits::default();
-    limits.max_alloc = Some(MOST_BYTES);
-    reader.limits(limits);
-    let image = reader.decode().map_err(|e| decode_error(path, e))?;
-    let mut gray = reduced(image, reduce).ok_or_else(|| {
-        Error::image(
-            path,
-            "its pixels are neither 8- nor 16-bit integers",
-            "save it as 8- or 16-bit PNG or TIFF",
-        )
-    })?;
+    let mut gray = reduced(dynamic(bytes, path)?, reduce).ok_or_else(|| no_integers(path))?;
     if let Some(largest) = portable_maximum(bytes) {
         gray.unscale(largest);
     }
@@ -102,6 +117,74 @@ pub fn decode(bytes: &[u8], path: &Path, reduce: Reduce, expect: Option<Expect>)
         None => Ok(gray),
     }
 }
+
+fn dynamic(bytes: &[u8], path: &Path) -> Result<DynamicImage, Error> {
+    let mut reader =
+        ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(Error::file(path, "read"))?;
+    let mut limits = image::Limits::default();
+    limits.max_alloc = Some(MOST_BYTES);
+    reader.limits(limits);
+    reader.decode().map_err(|e| decode_error(path, e))
+}
+
+fn no_integers(path: &Path) -> Error {
+    let what = "its pixels are neither 8- nor 16-bit integers";
+    Error::image(path, what, "save it as 8- or 16-bit PNG or TIFF")
+}
+
+/// The image in a file as it can be stored elsewhere without loss: the bytes of a PNG or JPEG, else a PNG of the same values.
+///
+/// # Errors
+/// As [`read`].
+pub(crate) fn stored(path: &Path) -> Result<Stored, Error> {
+    let bytes = fs::read(path).map_err(Error::file(path, "read the image"))?;
+    if let Some(format) = FileFormat::of_bytes(&bytes) {
+        return Ok(Stored::File { format, bytes });
+    }
+    let image = match dynamic(&bytes, path)? {
+        DynamicImage::ImageLuma8(_) | DynamicImage::ImageLuma16(_) => {
+            return decode(&bytes, path, Reduce::Luma, None).map(Stored::Grey);
+        }
+        image => image,
+    };
+    let scaled = portable_maximum(&bytes).is_some_and(|largest| ![0xff, 0xffff].contains(&largest));
+    let integers = image.color().bytes_per_pixel() / image.color().channel_count() <= 2;
+    if scaled || !integers {
+        return Err(no_integers(path));
+    }
+    let mut png = Cursor::new(Vec::new());
+    image.write_to(&mut png, ImageFormat::Png).map_err(|_| no_integers(path))?;
+    Ok(Stored::File { format: FileFormat::Png, bytes: png.into_inner() })
+}
+
+/// The bytes of an image file in a format that keeps every value.
+///
+/// # Errors
+/// [`Error::Image`] where the format can't hold the image, or what is stored can't be decoded.
+pub(crate) fn encoded(image: Stored, format: ImageFormat, path: &Path) -> Result<Vec<u8>, Error> {
+    let refused = |e: ImageError| Error::image(path, format!("cannot be written: {e}"), "name it .png");
+    let mut file = Cursor::new(Vec::new());
+    match image {
+        Stored::File { format: FileFormat::Png, bytes } if format == ImageFormat::Png => return Ok(bytes),
+        Stored::File { format: FileFormat::Jpeg, bytes } if format == ImageFormat::Jpeg => return Ok(bytes),
+        Stored::File { bytes, .. } => dynamic(&bytes, path)?.write_to(&mut file, format).map_err(refused)?,
+        Stored::Grey(GrayImage { width, height, data, .. }) => {
+            let image = match data {
+                Pixels::U8(values) => {
+                    GrayBuffer::from_raw(width, height, values).map(DynamicImage::ImageLuma8)
+                }
+                Pixels::U16(values) => {
+                    Gray16Buffer::from_raw(width, height, values).map(DynamicImage::ImageLuma16)
+                }
+            };
+            image.ok_or_else(|| no_integers(path))?.write_to(&mut file, format).map_err(refused)?;
+        }
+    }
+    Ok(file.into_inner())
+}
+
+type GrayBuffer = image::ImageBuffer<image::Luma<u8>, Vec<u8>>;
+type Gray16Buffer = image::ImageBuffer<image::Luma<u16>, Vec<u16>>;
 
 fn reduced(image: DynamicImage, reduce: Reduce) -> Option<GrayImage> {
     let (width, height) = (image.width(), image.height());
@@ -196,7 +279,8 @@ fn channel(wavelength_nm: f64) -> usize {
     }
 }
 
-fn hold_against(mut image: GrayImage, path: &Path, expect: Expect) -> Result<GrayImage, Error> {
+/// The image, if it is what its camera makes.
+pub(crate) fn hold_against(mut image: GrayImage, path: &Path, expect: Expect) -> Result<GrayImage, Error> {
     let got = [image.width, image.height];
     if got != expect.size {
         return Err(Error::ImageSize {

@@ -1,4 +1,4 @@
-//! Capture folders, rig files, images and point cloud formats.
+//! Capture folders, recordings, rig files, images and point cloud formats.
 //!
 //! Everything here turns bytes into checked values and back; nothing computes. A reader refuses what it cannot
 //! trust with an [`Error`] that names the file, the place in it, what is wrong and how to mend it. What can be
@@ -6,7 +6,9 @@
 //!
 //! | module | file | value |
 //! |---|---|---|
-//! | [`capture`] | `capture.toml`, `frames.csv` | [`Capture`] |
+//! | [`capture`] | `capture.toml`, `frames.csv`; or a recording | [`Capture`] |
+//! | [`recording`] | MCAP | a [`recording::Recorder`] writes it |
+//! | [`convert`], [`ros2`] | capture folder ↔ recording; → rosbag2 | |
 //! | [`rig`] | `rig.toml` | [`Rig`] |
 //! | [`vehicle`] | `vehicle.toml` | [`Vehicle`] |
 //! | [`calibration_toml`] | `calibration.toml` | [`CalibrationFile`] |
@@ -20,6 +22,7 @@ pub mod calibration_toml;
 pub mod capture;
 pub mod clouds;
 mod columns;
+pub mod convert;
 mod error;
 mod frames;
 pub mod glb;
@@ -29,6 +32,7 @@ pub mod obj;
 pub mod ply;
 pub mod recording;
 pub mod rig;
+pub mod ros2;
 pub mod stl;
 mod text;
 mod toml_file;

@@ -22,7 +22,7 @@ use crate::{
 /// Arguments of `calibrate`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Capture folders of a chessboard, in air, in water or both
+    /// Capture folders or recordings (.mcap) of a chessboard, in air, in water or both
     #[arg(required = true, value_name = "CAPTURE")]
     captures: Vec<PathBuf>,
     /// Rig file in place of the captures' own

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use serde::Serialize;
-use uwscan::io::{Error, Problem, Rig, calibration_toml, clouds, meshes};
+use uwscan::io::{Error, Problem, Rig, calibration_toml, clouds, meshes, recording};
 
 use crate::{
     console::Console,
@@ -20,7 +20,7 @@ use crate::{
 /// Arguments of `info`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Capture folder, calibration.toml, rig.toml, point cloud or mesh
+    /// Capture folder, recording, calibration.toml, rig.toml, point cloud or mesh
     file: PathBuf,
     /// Print one JSON object instead of text
     #[arg(long)]
@@ -101,10 +101,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
 
 /// What the file holds; where it is not sound, what was found before that is added to `noted`.
 fn look(path: &Path, noted: &mut Vec<Problem>, console: &Console) -> anyhow::Result<Content> {
-    if path.is_dir() {
+    let ends = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
+    if path.is_dir() || ends(recording::ENDING) {
         return capture::look(path, noted, console);
     }
-    let ends = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
     if ends("toml") {
         return toml(path, noted, console);
     }
@@ -114,7 +114,7 @@ fn look(path: &Path, noted: &mut Vec<Problem>, console: &Console) -> anyhow::Res
     match clouds::Format::of(path) {
         Ok(_) => Ok(cloud::look(path)?),
         Err(_) => bail!(
-            "{}: this is neither a capture folder nor a .toml file, nor one whose name ends in {} or {}; give one of these",
+            "{}: this is neither a capture folder nor a .mcap or .toml file, nor one whose name ends in {} or {}; give one of these",
             path.display(),
             clouds::ENDINGS,
             meshes::ENDINGS

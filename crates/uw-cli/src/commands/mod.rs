@@ -2,11 +2,13 @@
 
 pub mod calibrate;
 pub mod completions;
+pub mod convert;
 pub mod fit;
 pub mod info;
 pub mod man;
 pub mod mesh;
 pub mod reconstruct;
+pub mod recover;
 
 use anyhow::Context;
 use uwscan::io::Overwrite;
@@ -32,6 +34,8 @@ pub fn run(cli: &Cli, console: &Console) -> anyhow::Result<Outcome> {
         Command::Fit(args) => fit::run(args, console),
         Command::Mesh(args) => mesh::run(args, console),
         Command::Info(args) => info::run(args, console),
+        Command::Convert(args) => convert::run(args, console),
+        Command::Recover(args) => recover::run(args, console),
         Command::Completions(args) => completions::run(args),
         Command::Man(args) => man::run(args),
     }

@@ -23,7 +23,7 @@ use crate::{
 /// Arguments of `reconstruct`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Capture folder of a scan
+    /// Capture folder or recording (.mcap) of a scan
     capture: PathBuf,
     /// Calibration file of the instrument
     #[arg(short, long, value_name = "FILE")]

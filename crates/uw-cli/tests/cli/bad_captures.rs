@@ -34,13 +34,13 @@ fn folders_that_are_no_capture() {
         |dir| fs::remove_dir_all(dir.join("images")).unwrap(),
         &["frames.csv", "none of its 8 images is there"],
     );
-    refused(|dir| fs::remove_dir_all(dir).unwrap(), &["cannot open the capture folder", "check the path"]);
+    refused(|dir| fs::remove_dir_all(dir).unwrap(), &["cannot open the capture", "check the path"]);
     let out = TempDir::new().unwrap();
     let target = out.path().join("c.toml");
     fs::write(out.path().join("scan.mcap"), "x").unwrap();
     let file = out.path().join("scan.mcap");
     uwscan(["calibrate".as_ref(), file.as_os_str(), "-o".as_ref(), target.as_os_str()])
-        .fails(&["scan.mcap", "not a capture folder"]);
+        .fails(&["scan.mcap", "neither a capture folder nor a recording"]);
 }
 
 #[test]

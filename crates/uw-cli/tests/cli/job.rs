@@ -19,7 +19,7 @@ const BALL_RADIUS_MM: f64 = 20.0175;
 const RADIUS_TOLERANCE_MM: f64 = 0.3;
 
 /// Whether a row of frames.csv is kept: of the first eight poses the boards, and every third image with a stripe.
-fn thinned(row: usize, text: &str) -> bool {
+pub fn thinned(row: usize, text: &str) -> bool {
     let pose: usize = text.split(',').nth(1).unwrap().parse().unwrap();
     pose < 8 && (text.contains(",off,") || row.is_multiple_of(3))
 }
@@ -34,7 +34,7 @@ static CALIBRATED: LazyLock<(TempDir, Value, String)> = LazyLock::new(|| {
     (out, run.json(0), run.stderr)
 });
 
-fn calibration() -> String {
+pub fn calibration() -> String {
     CALIBRATED.0.path().join("calibration.toml").to_str().unwrap().to_owned()
 }
 
@@ -97,7 +97,7 @@ fn a_calibration_is_told_by_info() {
 }
 
 /// Reconstructs a capture into `target` with further arguments.
-fn reconstruct(capture: &Path, target: &Path, more: &[&str]) -> crate::samples::Run {
+pub fn reconstruct(capture: &Path, target: &Path, more: &[&str]) -> crate::samples::Run {
     let (capture, calibration) = (capture.to_str().unwrap(), calibration());
     let args = ["reconstruct", capture, "-c", &calibration, "-o", target.to_str().unwrap()];
     uwscan(args.iter().chain(more))

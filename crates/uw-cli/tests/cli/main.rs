@@ -6,5 +6,6 @@ mod fits;
 mod infos;
 mod job;
 mod meshes;
+mod recordings;
 mod samples;
 mod usage;

@@ -86,7 +86,6 @@ impl Head {
     ///
     /// # Errors
     /// [`Error`] where a key is missing or says what it can't.
-    #[allow(dead_code, reason = "the reader is the next commit")]
     pub(crate) fn from_metadata(path: &Path, map: &BTreeMap<String, String>) -> Result<Self, Error> {
         let place = |key: &str| Place::file(path).key(&format!("metadata {METADATA}.{key}"));
         let bad = |key: &str, got: &str| {
@@ -136,7 +135,6 @@ impl Head {
     }
 }
 
-#[allow(dead_code, reason = "the reader is the next commit")]
 fn target<'m>(
     need: &impl Fn(&str) -> Result<&'m str, Error>,
     bad: &impl Fn(&str, &str) -> Error,

@@ -257,7 +257,6 @@ pub(crate) fn foxglove_stamp(ns: u64) -> foxglove::messages::Timestamp {
 }
 
 /// Nanoseconds since the Unix epoch of a message's time; `None` for what is no time after 1970, or after 2554.
-#[allow(dead_code, reason = "the reader is the next commit")]
 pub(crate) fn stamp_ns(stamp: Option<&Timestamp>) -> Option<u64> {
     let stamp = stamp?;
     let seconds = u64::try_from(stamp.seconds).ok()?;

@@ -19,19 +19,30 @@
 //!
 //! The types of the crates `mcap` and `foxglove` stay in here: their interfaces are not settled yet.
 
+mod bytes;
 mod encode;
 mod entries;
 mod head;
 mod messages;
 mod output;
+pub(crate) mod reader;
 mod recorder;
+mod recover;
 mod sink;
+mod walk;
 
+pub(crate) use encode::CAMERA;
 pub use entries::{Environment, GalvoState, Level, Picture, Pose, Shot, Stripe};
 pub use head::Head;
 pub use output::{Compression, Counts, Options};
+pub(crate) use output::{Output, Stamps};
+pub(crate) use reader::Other;
+pub use reader::Topic;
 pub use recorder::Recorder;
+pub use recover::{Recovered, recover};
 pub use sink::Sink;
+pub(crate) use sink::Through;
+pub(crate) use walk::Channel;
 
 /// The ending of a recording's name, without the dot.
 pub const ENDING: &str = "mcap";

@@ -17,6 +17,7 @@ use mcap::{
 use super::{
     messages::Schema,
     sink::{Counted, Durable, Sink, Tally},
+    walk::Channel,
 };
 use crate::error::{Error, Place};
 
@@ -74,7 +75,7 @@ pub struct Counts {
 
 /// A message's own times and number.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Stamps {
+pub(crate) struct Stamps {
     /// When it was received, nanoseconds since the Unix epoch.
     pub log_ns: u64,
     /// When what it tells of was so.
@@ -86,7 +87,7 @@ pub(super) struct Stamps {
 type Inner<S> = mcap::Writer<NoSeek<BufWriter<Counted<S>>>>;
 
 /// An MCAP file in the making.
-pub(super) struct Output<S: Sink> {
+pub(crate) struct Output<S: Sink> {
     path: PathBuf,
     /// `None` once a write has failed.
     writer: Option<Inner<S>>,
@@ -180,6 +181,19 @@ impl<S: Sink> Output<S> {
         self.channels.insert((topic, kind), id);
         self.chunk_began.get_or_insert_with(Instant::now);
         Ok(id)
+    }
+
+    /// The number of a channel of another file, which is added if it is new.
+    pub fn channel_like(&mut self, channel: &Channel) -> Result<u16, Error> {
+        let Channel { topic, message_encoding, metadata, schema_name, schema_encoding, schema_data } =
+            channel;
+        self.with(|writer| {
+            let schema = match schema_name.is_empty() && schema_data.is_empty() {
+                true => 0,
+                false => writer.add_schema(schema_name, schema_encoding, schema_data)?,
+            };
+            writer.add_channel(schema, topic, message_encoding, metadata)
+        })
     }
 
     /// A message into the chunk that is open.

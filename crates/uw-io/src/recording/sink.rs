@@ -16,7 +16,7 @@ use std::{
 pub type MakeDurable = Box<dyn FnMut() -> io::Result<()> + Send>;
 
 /// Takes a recording's bytes, in order.
-pub trait Sink: Write + Send {
+pub trait Sink: Write {
     /// What makes the bytes durable, called from another thread while more are written; `None` where nothing lasts.
     ///
     /// # Errors
@@ -45,6 +45,21 @@ impl Sink for File {
         self.set_len(length)
     }
 }
+
+/// A writer that is nothing but that: what it wrote is made durable, or taken back, by whoever owns it.
+pub(crate) struct Through<'w>(pub &'w mut dyn Write);
+
+impl Write for Through<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
+}
+
+impl Sink for Through<'_> {}
 
 impl Sink for Vec<u8> {
     fn cut(&mut self, length: u64) -> io::Result<()> {

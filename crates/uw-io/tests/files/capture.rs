@@ -253,8 +253,8 @@ fn what_is_no_capture_folder_is_said_so() {
     let dir = capture();
     let open = |name: &str| Capture::open(&dir.path().join(name)).unwrap_err();
     assert!(matches!(open("nowhere"), Error::File { .. }));
-    says(&open("nowhere").to_string(), &["nowhere", "cannot open the capture folder", "check the path"]);
-    says(&open("rig.toml").to_string(), &["rig.toml", "is a file, not a capture folder"]);
+    says(&open("nowhere").to_string(), &["nowhere", "cannot open the capture", "check the path"]);
+    says(&open("rig.toml").to_string(), &["rig.toml", "neither a capture folder nor a recording"]);
     says(&open("images").to_string(), &["capture.toml", "cannot open"]);
     fs::remove_file(dir.path().join("frames.csv")).unwrap();
     says(&open("").to_string(), &["frames.csv", "cannot open"]);

@@ -8,6 +8,7 @@ mod clouds;
 mod images;
 mod meshes;
 mod recorder;
+mod recordings;
 mod rig;
 mod rig_domain;
 mod samples;

@@ -1,4 +1,4 @@
-//! What a capture folder holds: every image is decoded, as that alone shows whether it is sound.
+//! What a capture folder or a recording holds: every image is decoded, as that alone shows whether it is sound.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -9,7 +9,7 @@ use anyhow::bail;
 use rayon::prelude::*;
 use serde::Serialize;
 use uwscan::{
-    io::{Capture, Error, Expect, Kind, Medium, Problem, Reduce, SaidBy, Severity, images},
+    io::{Capture, Error, Expect, Kind, Medium, Problem, Reduce, SaidBy, Severity},
     pipeline::Progress as _,
 };
 
@@ -31,6 +31,20 @@ pub(super) struct Record {
     seconds: f64,
     rig: bool,
     sha256: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    recording: Option<Recording>,
+}
+
+/// What only a recording says.
+#[derive(Serialize)]
+struct Recording {
+    scan_id: String,
+    software: String,
+    planned_frames: Option<u32>,
+    notes: BTreeMap<String, String>,
+    /// Messages of each.
+    topics: BTreeMap<String, u64>,
+    calibration: bool,
 }
 
 #[derive(Serialize)]
@@ -73,7 +87,7 @@ fn decode(capture: &Capture, console: &Console) -> anyhow::Result<([u32; 2], Vec
     let decoded: Vec<Result<[u32; 2], Error>> = frames
         .par_iter()
         .map(|frame| {
-            let image = images::read(&capture.image_path(frame), Reduce::Luma, expect);
+            let image = capture.image(frame, Reduce::Luma, expect);
             progress.step();
             image.map(|image| [image.width, image.height])
         })
@@ -100,7 +114,7 @@ fn decode(capture: &Capture, console: &Console) -> anyhow::Result<([u32; 2], Vec
         (Some(size), _) => Ok((size, lost)),
         (None, first) => {
             let first = first.map_or(String::new(), |problem| format!("; the first: {problem}"));
-            bail!("{}: none of its {} images can be used{first}", capture.dir.display(), frames.len())
+            bail!("{}: none of its {} images can be used{first}", capture.path.display(), frames.len())
         }
     }
 }
@@ -134,12 +148,20 @@ fn record(capture: &Capture, image_size: [u32; 2]) -> Result<Record, Error> {
         seconds: duration_ns as f64 * 1e-9,
         rig: capture.rig.is_some(),
         sha256: capture.content_hash()?,
+        recording: capture.head().map(|head| Recording {
+            scan_id: head.scan_id.clone(),
+            software: head.software.clone(),
+            planned_frames: head.planned_frames,
+            notes: head.notes.clone(),
+            topics: capture.topics().map(|(name, topic)| (name.to_owned(), topic.messages)).collect(),
+            calibration: head.calibration.is_some(),
+        }),
     })
 }
 
 /// What makes a capture useless for its purpose though each of its files is sound.
 fn warnings(capture: &Capture, record: &Record) -> Vec<String> {
-    let dir = capture.dir.display();
+    let dir = capture.path.display();
     let mut said = Vec::new();
     if record.laser_on == 0 {
         said.push(format!("{dir}: no image has the laser on: there is no stripe in it"));
@@ -151,7 +173,7 @@ fn warnings(capture: &Capture, record: &Record) -> Vec<String> {
         said.push(format!("{dir}: there is no rig.toml: calibrate needs --rig FILE"));
     }
     if capture.problems().iter().any(|p| p.severity == Severity::Loss) && record.laser_on > 0 {
-        said.push(format!("{dir}: the figures count the rows of frames.csv, those of lost images too"));
+        said.push(format!("{dir}: the figures count all rows, those of lost images too"));
     }
     said
 }
@@ -172,6 +194,15 @@ fn text(capture: &Capture, record: &Record) -> String {
     );
     if let Some([low, high]) = record.voltage_range_v {
         text += &format!("  voltages    {} from {low} to {high} V\n", record.voltages);
+    }
+    if let Some(recording) = &record.recording {
+        let topics: Vec<String> =
+            recording.topics.iter().map(|(name, count)| format!("{name} {count}")).collect();
+        text += &format!("  recorded    by {}, scan {}\n", recording.software, recording.scan_id);
+        text += &format!("  messages    {}\n", topics.join(", "));
+        if recording.calibration {
+            text += "  calibration attached\n";
+        }
     }
     text += &format!("  sha256      {}\n", record.sha256);
     match &capture.rig {

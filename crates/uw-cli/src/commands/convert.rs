@@ -1,0 +1,153 @@
+//! `uwscan convert`: the endings of the two names tell what is wanted.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::bail;
+use clap::{ValueEnum, error::ErrorKind};
+use serde::Serialize;
+use uwscan::io::{
+    Capture, Problem, atomic, clouds,
+    convert::{Converted, to_folder, to_recording},
+    recording,
+    ros2::to_ros2,
+};
+
+use crate::{
+    args::usage_error,
+    commands::overwrite,
+    console::Console,
+    exit::Outcome,
+    output::{self, Lost},
+};
+
+/// Arguments of `convert`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Capture folder, recording (.mcap) or point cloud (.ply, .xyz, .csv)
+    input: PathBuf,
+    /// A capture folder becomes a recording (.mcap), a recording a new folder, a cloud a cloud of another ending
+    output: PathBuf,
+    /// Write a capture as something else: ros2 is a rosbag2 (MCAP with CDR messages, metadata.yaml) in a new folder
+    #[arg(long, value_name = "FORMAT")]
+    to: Option<To>,
+    /// Write a PLY as text rather than binary
+    #[arg(long)]
+    ascii: bool,
+    /// Replace the output if it exists; folders are never replaced
+    #[arg(long)]
+    force: bool,
+    /// Print one JSON object instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum To {
+    Ros2,
+}
+
+#[derive(Serialize)]
+struct Record {
+    file: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    images: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    points: Option<usize>,
+    warnings: Vec<String>,
+    lost: Vec<Lost>,
+}
+
+/// Converts and prints what came out.
+///
+/// # Errors
+/// Nothing can be converted so, or a file can't be read or written.
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
+    let is_recording =
+        |path: &Path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(recording::ENDING));
+    if args.input.is_dir() || is_recording(&args.input) {
+        if args.to.is_none() && args.input.is_dir() && !is_recording(&args.output) {
+            bail!(
+                "{}: a capture folder becomes a recording: give a name that ends in .{}",
+                args.output.display(),
+                recording::ENDING
+            );
+        }
+        return capture(args, console);
+    }
+    if args.to.is_some() {
+        return Err(usage_error(
+            ErrorKind::ArgumentConflict,
+            "--to ros2 takes a capture folder or a recording",
+        ));
+    }
+    cloud(args, console)
+}
+
+fn capture(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
+    let overwrite = overwrite(args.force);
+    let folder = args.input.is_dir();
+    if folder && args.to.is_none() {
+        atomic::check(&args.output, overwrite)?;
+    }
+    let mut noted = Vec::new();
+    let opened = Capture::open_noting(&args.input, None, &mut noted);
+    let mut capture = match opened {
+        Ok(capture) => capture,
+        Err(error) => {
+            console.problems(&noted);
+            return Err(error.into());
+        }
+    };
+    let mut problems: Vec<Problem> = capture.take_problems();
+    let converted = match (args.to, folder) {
+        (Some(To::Ros2), _) => to_ros2(&capture, &args.output),
+        (None, true) => to_recording(&capture, &args.output, overwrite),
+        (None, false) => to_folder(&capture, &args.output),
+    };
+    let Converted { images, problems: lost, warnings } = match converted {
+        Ok(converted) => converted,
+        Err(error) => {
+            console.problems(&problems);
+            return Err(error.into());
+        }
+    };
+    problems.extend(lost);
+    let outcome = console.problems(&problems);
+    warnings.iter().for_each(|warning| console.warn(warning));
+    let file = args.output.display().to_string();
+    if args.json {
+        output::json(&Record {
+            file,
+            images: Some(images),
+            points: None,
+            warnings: output::warnings(&warnings, &problems),
+            lost: output::lost(&problems),
+        })?;
+    } else {
+        output::print(format!("{file}: {images} images\n"))?;
+    }
+    Ok(outcome)
+}
+
+fn cloud(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
+    let overwrite = overwrite(args.force);
+    let format = clouds::Format::of(&args.output)?;
+    atomic::check(&args.output, overwrite)?;
+    let (cloud, problems) = clouds::read(&args.input)?;
+    let outcome = console.problems(&problems);
+    let format = if args.ascii { format.as_text() } else { format };
+    clouds::write(&args.output, overwrite, &cloud, format)?;
+    let file = args.output.display().to_string();
+    if args.json {
+        output::json(&Record {
+            file,
+            images: None,
+            points: Some(cloud.len()),
+            warnings: output::warnings(&[], &problems),
+            lost: output::lost(&problems),
+        })?;
+    } else {
+        output::print(format!("{file}: {} points\n", cloud.len()))?;
+    }
+    Ok(outcome)
+}

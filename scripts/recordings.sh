@@ -1,0 +1,30 @@
+#!/usr/bin/env bash
+# Recordings before readers that are not ours: the Python packages mcap, mcap-protobuf-support, rosbags and pymcap-cli. Skips itself, saying
+# so, where they can't be had.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+. scripts/toolchain.sh
+
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+venv=${UWSCAN_VENV:-$work/venv}
+if [ ! -x "$venv/bin/pymcap-cli" ]; then
+    if ! { python3 -m venv "$venv" && "$venv/bin/pip" install --quiet --disable-pip-version-check \
+        'mcap>=1.2' 'mcap-protobuf-support>=0.5' 'pymcap-cli>=0.5' 'rosbags>=0.10' numpy pillow; } >"$work/pip.log" 2>&1; then
+        echo "skipped: no Python packages to read recordings with ($(tail -n 1 "$work/pip.log"))"
+        exit 0
+    fi
+fi
+PATH=$venv/bin:$PATH
+cargo build --release --locked --quiet --package uw-cli --bin uwscan
+cargo build --release --locked --quiet --package uw-io --example record
+uwscan=${CARGO_TARGET_DIR:-target}/release/uwscan
+[ -n "${UWSCAN_CALIBRATION:-}" ] ||
+    "$uwscan" calibrate fixtures/cal-air fixtures/cal-water -o "$work/calibration.toml" --quiet >/dev/null
+"${CARGO_TARGET_DIR:-target}/release/examples/record" "$work/example.mcap" "${UWSCAN_CALIBRATION:-$work/calibration.toml}"
+"$uwscan" convert fixtures/ball "$work/ball.mcap"
+"$uwscan" convert --to ros2 "$work/example.mcap" "$work/bag"
+head -c "$(($(stat -c %s "$work/ball.mcap") * 2 / 3))" "$work/ball.mcap" >"$work/torn.mcap"
+"$uwscan" recover "$work/torn.mcap" -o "$work/recovered.mcap" || [ $? = 3 ]
+python scripts/recordings.py "$work/example.mcap" "$work/ball.mcap" "$work/bag" "$work/recovered.mcap"
