@@ -41,7 +41,7 @@ pub struct Intake {
     ids: Ids,
     /// The camera's id of the last frame, and its number.
     last: Option<(u64, u64)>,
-    pending: Option<Frame>,
+    pending: Option<Result<Frame, Fault>>,
     counts: FrameCounts,
 }
 
@@ -58,11 +58,11 @@ impl Intake {
         self.last = Some((before, u64::MAX));
     }
 
-    /// The frame that came after a gap that was told.
-    pub fn take_pending(&mut self) -> Option<Frame> {
-        let frame = self.pending.take();
-        self.counts.received += u64::from(frame.is_some());
-        frame
+    /// What came after a gap that was told.
+    pub fn take_pending(&mut self) -> Option<Result<Frame, Fault>> {
+        let next = self.pending.take();
+        self.counts.received += u64::from(matches!(next, Some(Ok(_))));
+        next
     }
 
     /// What came so far.
@@ -73,7 +73,7 @@ impl Intake {
     /// Takes what the camera delivered under its own `id`.
     ///
     /// # Errors
-    /// [`Fault::DroppedFrames`] after a gap: the frame is then [pending](Self::take_pending). [`Fault::DuplicateFrame`],
+    /// [`Fault::DroppedFrames`] after a gap: what came after it is then [pending](Self::take_pending). [`Fault::DuplicateFrame`],
     /// [`Fault::FrameSize`], [`Fault::FrameContent`].
     pub fn admit(
         &mut self,
@@ -84,30 +84,39 @@ impl Intake {
     ) -> Result<Frame, Fault> {
         let (number, dropped) = self.number(id)?;
         let got = [layout.width, layout.height];
-        if got != self.size {
+        let next = if got == self.size {
+            Frame::new(pixels, layout, number, exposure).map_err(|why| self.unusable(number, &why))
+        } else {
             self.counts.unusable += 1;
-            return Err(Fault::FrameSize { device: self.device.clone(), needed: self.size, got });
+            Err(Fault::FrameSize { device: self.device.clone(), needed: self.size, got })
+        };
+        self.after_gap(number, dropped, next)
+    }
+
+    /// Notes a frame that came torn under the camera's own `id`: what to tell of it.
+    pub fn torn(&mut self, id: u64, why: &str) -> Fault {
+        let told = self.number(id).and_then(|(number, dropped)| {
+            let torn = self.unusable(number, &why);
+            self.after_gap(number, dropped, Err(torn))
+        });
+        match told {
+            Err(fault) => fault,
+            Ok(frame) => self.unusable(frame.id(), &why),
         }
-        let frame =
-            Frame::new(pixels, layout, number, exposure).map_err(|why| self.unusable(number, &why))?;
+    }
+
+    /// The gap is told first, and what came after it is kept for the next call.
+    fn after_gap(&mut self, number: u64, dropped: u64, next: Result<Frame, Fault>) -> Result<Frame, Fault> {
         if dropped > 0 {
-            self.pending = Some(frame);
+            self.pending = Some(next);
             return Err(Fault::DroppedFrames {
                 device: self.device.clone(),
                 count: dropped,
                 next_id: number,
             });
         }
-        self.counts.received += 1;
-        Ok(frame)
-    }
-
-    /// Notes a frame that came torn under the camera's own `id`.
-    pub fn torn(&mut self, id: u64, why: &str) -> Fault {
-        match self.number(id) {
-            Ok((number, _)) => self.unusable(number, &why),
-            Err(fault) => fault,
-        }
+        self.counts.received += u64::from(next.is_ok());
+        next
     }
 
     fn unusable(&mut self, id: u64, why: &dyn std::fmt::Display) -> Fault {
@@ -172,7 +181,7 @@ mod tests {
         let Err(Fault::DroppedFrames { count: 3, next_id: 4, .. }) = admit(&mut intake, 3) else {
             panic!("65535, 1 and 2 are missing");
         };
-        assert_eq!(intake.take_pending().map(|frame| frame.id()), Some(4));
+        assert_eq!(intake.take_pending().map(|next| next.map(|frame| frame.id())), Some(Ok(4)));
         assert_eq!(intake.take_pending(), None);
         assert_eq!(admit(&mut intake, 4), Ok(5));
         assert_eq!(intake.counts(), FrameCounts { received: 3, dropped: 3, ..FrameCounts::default() });
@@ -208,6 +217,10 @@ mod tests {
         let Err(Fault::FrameSize { needed: [3, 2], got: [4, 2], .. }) = wrong else { panic!("{wrong:?}") };
         assert!(matches!(intake.torn(9, "2 packets are missing"), Fault::FrameContent { id: 2, .. }));
         assert_eq!(admit(&mut intake, 10), Ok(3));
-        assert_eq!(intake.counts(), FrameCounts { received: 2, unusable: 2, ..FrameCounts::default() });
+        // A gap before a torn frame is told as well as the frame.
+        let gap = intake.torn(13, "1 packet is missing");
+        assert!(matches!(gap, Fault::DroppedFrames { count: 2, next_id: 6, .. }), "{gap}");
+        assert!(matches!(intake.take_pending(), Some(Err(Fault::FrameContent { id: 6, .. }))));
+        assert_eq!(intake.counts(), FrameCounts { received: 2, dropped: 2, duplicated: 0, unusable: 3 });
     }
 }

@@ -1,5 +1,7 @@
 //! Cameras: what all drivers have in common, and a module each.
 
+#[cfg(feature = "genicam")]
+pub mod genicam;
 mod intake;
 
 pub use intake::{Ids, Intake};

@@ -140,8 +140,8 @@ impl Camera for MockCamera {
         let (Some(settings), Some(armed)) = (&self.settings, &mut self.armed) else {
             return Err(Fault::Order { device, doing: "a frame", needed: "arming" });
         };
-        if let Some(frame) = armed.intake.take_pending() {
-            return Ok(frame);
+        if let Some(next) = armed.intake.take_pending() {
+            return next;
         }
         if let Some((number, pixels, layout, exposure)) = armed.again.take() {
             return armed.intake.admit(number, pixels, layout, exposure);
