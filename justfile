@@ -58,5 +58,8 @@ docs:
     cargo doc --workspace --no-deps --locked --open
 
 # Makes the picture in README again (needs Python with numpy, matplotlib and pillow)
-picture: demo
+picture:
+    mkdir -p target/picture
+    cargo run --release --locked --package uw-cli -- calibrate fixtures/cal-air fixtures/cal-water -o target/picture/calibration.toml --force
+    cargo run --release --locked --package uw-cli -- reconstruct fixtures/cover -c target/picture/calibration.toml -o target/picture/cover.ply --force
     python3 docs/images/overview.py

@@ -117,6 +117,20 @@ pub enum Error {
         /// Rows or columns without a point, by reason.
         rejected: BTreeMap<&'static str, usize>,
     },
+    /// An instrument or scene that can't be simulated.
+    #[error("simulation: {0}")]
+    Simulation(uw_sim::SimError),
+    /// A cloud holds no such shape.
+    #[error("{0}")]
+    Fit(uw_cloud::FitError),
+    /// A thing of a scene that there can't be.
+    #[error("object \"{object}\": {what}")]
+    Scene {
+        /// Its name.
+        object: String,
+        /// What is wrong with it.
+        what: String,
+    },
     /// All images that a stage needs are lost.
     #[error("{}: none of its images could be used; the first: {first}", path.display())]
     NothingLeft {

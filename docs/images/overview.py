@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Draws overview.png from what ./demo.sh computed; needs numpy, matplotlib and pillow."""
+"""Draws overview.png from what `just picture` computed; needs numpy, matplotlib and pillow."""
 import pathlib
 
 import matplotlib
@@ -35,7 +35,7 @@ def show(axes, image, region, bright):
     axes.set(xlim=(u0 - 0.5, u1 + 0.5), ylim=(v1 + 0.5, v0 - 0.5))
 
 
-cloud = read_ply(ROOT / "target" / "demo" / "cover.ply")
+cloud = read_ply(ROOT / "target" / "picture" / "cover.ply")
 file = (SCAN / "frames.csv").read_text().splitlines()[1 + FRAME].split(",")[0]
 image = np.asarray(Image.open(SCAN / file), float)
 stripe = cloud[cloud["frame"] == FRAME]

@@ -9,12 +9,16 @@
 //! | sweep | `sweep` | centres of all images | centres | what the sheet's thickness moves, what it spoils | a rejected measurement is counted |
 //! | points | `points` | centres, calibration | points with covariance | refraction model | points without an intersection are counted |
 //! | reconstruct | `reconstruct` | scan, calibration | [`uw_cloud::PointCloud`] | water's index, order of the stages | [`crate::Failure`] |
+//! | simulate | `simulate` | scene file | capture, truth | true instrument, scene at each exposure | [`crate::Error::Simulation`] |
+//! | demo | `demo` | scenes compiled in | figures beside their truth | what has to come out how well | [`crate::Failure`] |
 
 mod boards;
 pub mod calibrate;
+pub mod demo;
 mod load;
 mod points;
 pub mod reconstruct;
+pub mod simulate;
 mod stripes;
 mod sweep;
 

@@ -10,9 +10,9 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("uw-hw", &[]),
     ("uw-calib", &["uw-geom"]),
     ("uw-cloud", &["uw-geom"]),
-    ("uw-sim", &["uw-geom"]),
+    ("uw-sim", &["uw-geom", "uw-hw"]),
     ("uw-io", &["uw-calib", "uw-cloud", "uw-geom", "uw-hw"]),
-    ("uwscan", &["uw-calib", "uw-cloud", "uw-geom", "uw-hw", "uw-io", "uw-stripe"]),
+    ("uwscan", &["uw-calib", "uw-cloud", "uw-geom", "uw-hw", "uw-io", "uw-sim", "uw-stripe"]),
     ("uw-cli", &["uwscan"]),
 ];
 

@@ -6,7 +6,9 @@ use clap::{
     Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum, error::ErrorKind,
 };
 
-use crate::commands::{calibrate, completions, convert, fit, info, man, mesh, reconstruct, recover};
+use crate::commands::{
+    calibrate, completions, convert, demo, fit, info, man, mesh, reconstruct, recover, simulate,
+};
 
 /// Underwater laser-line scanning: calibration, exact refraction, point clouds and measurements.
 ///
@@ -67,6 +69,8 @@ pub enum Color {
 /// What to do.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Try all of it on a simulated instrument: calibrate, scan, measure, and compare with the truth
+    Demo(demo::Args),
     /// Calibrate the instrument from captures of a chessboard, in air, in water or both
     Calibrate(calibrate::Args),
     /// Turn a recorded sweep into a point cloud
@@ -81,6 +85,8 @@ pub enum Command {
     Convert(convert::Args),
     /// Make a whole recording of one that was cut off or damaged, and say what is missing
     Recover(recover::Args),
+    /// Make images of a scene as this instrument would see it, with the truth beside them
+    Simulate(simulate::Args),
     /// Print a shell's completion script
     Completions(completions::Args),
     /// Print the manual page (roff): uwscan man | man -l -

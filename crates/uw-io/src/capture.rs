@@ -3,6 +3,8 @@
 mod folder;
 mod recorded;
 
+mod write;
+
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs::{self, File},
@@ -20,6 +22,8 @@ use crate::{
     rig::Rig,
     toml_file::exactly,
 };
+
+pub use write::{capture_text, frames_text};
 
 /// The `format` of a capture.
 pub const FORMAT: &str = "uwscan-capture";
@@ -353,7 +357,7 @@ const MOST_CORNERS: u32 = 1000;
 
 impl Target {
     /// Refuses what no target is: the key, what is wrong, and how to mend it.
-    fn check(&self) -> Result<(), (&'static str, String, &'static str)> {
+    pub(crate) fn check(&self) -> Result<(), (&'static str, String, &'static str)> {
         let [columns, rows] = self.inner_corners;
         if [columns, rows].iter().any(|n| !(3..=MOST_CORNERS).contains(n)) {
             let what = format!("a chessboard of {columns} x {rows} inner corners can't be used");

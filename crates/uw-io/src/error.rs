@@ -155,7 +155,8 @@ impl Error {
         }
     }
 
-    pub(crate) fn file(path: &Path, action: &'static str) -> impl FnOnce(io::Error) -> Self {
+    /// The error of a file for which the system refused an `action` ("write", "open"), from the system's own.
+    pub fn file(path: &Path, action: &'static str) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::File { path: path.to_owned(), action, source }
     }
 

@@ -1,8 +1,9 @@
 //! Images of 8 or 16 bits, grey or colour, as one channel.
 
-use std::{fs, io::Cursor, path::Path};
+use std::{borrow::Cow, fs, io::Cursor, path::Path};
 
-use image::{DynamicImage, ImageError, ImageFormat, ImageReader};
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{DynamicImage, ExtendedColorType, ImageEncoder, ImageError, ImageFormat, ImageReader};
 
 use crate::error::{Error, SaidBy};
 
@@ -23,6 +24,21 @@ pub enum Pixels {
     U8(Vec<u8>),
     /// From a file of 9 to 16 bits.
     U16(Vec<u16>),
+}
+
+impl Pixels {
+    /// How many values there are.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::U8(values) => values.len(),
+            Self::U16(values) => values.len(),
+        }
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
 }
 
 /// A grey image. Pixel (0, 0) is the top-left one; pixel (u, v) is at `v * width + u`, without padding.
@@ -95,6 +111,33 @@ const MOST_BYTES: u64 = 1 << 30;
 pub fn read(path: &Path, reduce: Reduce, expect: Option<Expect>) -> Result<GrayImage, Error> {
     let bytes = fs::read(path).map_err(Error::file(path, "read the image"))?;
     decode(&bytes, path, reduce, expect)
+}
+
+/// The bytes of a PNG file with this image, 8 or 16 bits deep.
+///
+/// # Errors
+/// [`Error::Image`] where the values are not as many as its size says; `path` names it.
+pub fn encode_png(image: &GrayImage, path: &Path) -> Result<Vec<u8>, Error> {
+    let (raw, color): (Cow<'_, [u8]>, _) = match &image.data {
+        Pixels::U8(values) => (Cow::Borrowed(values), ExtendedColorType::L8),
+        // The encoder takes the machine's order.
+        Pixels::U16(values) => {
+            (values.iter().flat_map(|v| v.to_ne_bytes()).collect(), ExtendedColorType::L16)
+        }
+    };
+    let mut bytes = Vec::new();
+    // Stripes on black compress well with the quickest setting.
+    let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Up);
+    if image.data.len() != image.width as usize * image.height as usize {
+        let what =
+            format!("{} values are no image of {} x {} px", image.data.len(), image.width, image.height);
+        return Err(Error::image(path, what, "report this: it is a fault of the program"));
+    }
+    let written = encoder.write_image(&raw, image.width, image.height, color);
+    written.map_err(|e| {
+        Error::image(path, format!("cannot be encoded: {e}"), "report this: it is a fault of the program")
+    })?;
+    Ok(bytes)
 }
 
 /// The image in `bytes`, as [`read`]; `path` names it in errors.

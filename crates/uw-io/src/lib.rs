@@ -15,6 +15,7 @@
 //! | [`images`] | PNG, TIFF, JPEG, PNM | [`GrayImage`] |
 //! | [`clouds`] ([`ply`], [`xyz`]) | PLY; XYZ and CSV | [`uw_cloud::PointCloud`] |
 //! | [`meshes`] ([`ply`], [`stl`], [`obj`], [`glb`]) | PLY, STL, OBJ; GLB, written only | [`uw_cloud::TriangleMesh`] |
+//! | [`scene`] | `scene.toml`, what a simulation shows | [`scene::SceneFile`] |
 //! | [`atomic`] | any output | written whole or not at all |
 
 pub mod atomic;
@@ -24,6 +25,7 @@ pub mod clouds;
 mod columns;
 pub mod convert;
 mod error;
+mod folder;
 mod frames;
 pub mod glb;
 pub mod images;
@@ -33,9 +35,11 @@ pub mod ply;
 pub mod recording;
 pub mod rig;
 pub mod ros2;
+pub mod scene;
 pub mod stl;
 mod text;
 mod toml_file;
+pub mod truth;
 pub mod vehicle;
 pub mod xyz;
 
@@ -43,6 +47,7 @@ pub use atomic::Overwrite;
 pub use calibration_toml::{CalibrationFile, CaptureSource};
 pub use capture::{Capture, FrameRecord, Kind, Medium, Target};
 pub use error::{Error, Place, Problem, SaidBy, Severity};
+pub use folder::NewFolder;
 pub use images::{Expect, GrayImage, Pixels, Reduce};
 pub use rig::{Priors, Rig, Water};
 pub use vehicle::Vehicle;

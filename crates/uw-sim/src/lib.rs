@@ -14,11 +14,14 @@
 //! | `stripe`, `ambient`, `haze` | light on the image plane |
 //! | `spread`, `speckle`, `noise` | lens, grain, sensor |
 //! | `curve` | the exact stripe |
+//! | `bench` | the instrument behind `uw-hw`'s traits |
 //!
 //! Millimetres, radians, pixels, volts, seconds. Every frame's noise follows from the scene's seed and the frame's number alone.
 
 mod ambient;
+mod bench;
 mod curve;
+mod draws;
 mod error;
 mod haze;
 mod instrument;
@@ -34,7 +37,9 @@ mod stripe;
 mod texture;
 mod world;
 
+pub use bench::camera_sees;
 pub use curve::{Along, CurvePoint};
+pub use draws::Draws;
 pub use error::SimError;
 pub use instrument::{Beam, Instrument, Lens, REFERENCE_MM, Sensor};
 pub use noise::Picture;

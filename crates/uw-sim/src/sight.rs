@@ -73,9 +73,10 @@ impl<'a> Sight<'a> {
         voltage: f64,
     ) -> Result<Self, SimError> {
         let light = instrument.light(voltage, water.laser);
-        // Whatever fails here fails for every point: no light leaves through the window.
-        light.sheet.ray(0.0)?;
         let s = &light.sheet;
+        // Where the fan's middle doesn't leave through the window, the mirror stands elsewhere than it is meant to.
+        s.port.ray_out(&s.apex_mm, &light.middle, s.outside)?;
+        s.ray(0.0)?;
         let dual = Sheet {
             apex_mm: lift(&s.apex_mm),
             normal: lift(&s.normal),

@@ -3,12 +3,14 @@
 pub mod calibrate;
 pub mod completions;
 pub mod convert;
+pub mod demo;
 pub mod fit;
 pub mod info;
 pub mod man;
 pub mod mesh;
 pub mod reconstruct;
 pub mod recover;
+pub mod simulate;
 
 use anyhow::Context;
 use uwscan::io::Overwrite;
@@ -29,6 +31,7 @@ pub fn run(cli: &Cli, console: &Console) -> anyhow::Result<Outcome> {
         pool.build_global().with_context(|| format!("cannot start {threads} threads"))?;
     }
     match &cli.command {
+        Command::Demo(args) => demo::run(args, console),
         Command::Calibrate(args) => calibrate::run(args, console),
         Command::Reconstruct(args) => reconstruct::run(args, console),
         Command::Fit(args) => fit::run(args, console),
@@ -36,6 +39,7 @@ pub fn run(cli: &Cli, console: &Console) -> anyhow::Result<Outcome> {
         Command::Info(args) => info::run(args, console),
         Command::Convert(args) => convert::run(args, console),
         Command::Recover(args) => recover::run(args, console),
+        Command::Simulate(args) => simulate::run(args, console),
         Command::Completions(args) => completions::run(args),
         Command::Man(args) => man::run(args),
     }

@@ -8,4 +8,5 @@ mod job;
 mod meshes;
 mod recordings;
 mod samples;
+mod simulations;
 mod usage;

@@ -12,4 +12,5 @@ mod recordings;
 mod rig;
 mod rig_domain;
 mod samples;
+mod scene;
 mod vehicle;

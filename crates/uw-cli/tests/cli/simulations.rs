@@ -1,0 +1,102 @@
+//! `simulate` and `demo`.
+
+use std::fs;
+
+use tempfile::TempDir;
+
+use crate::samples::{fixture, uwscan};
+
+/// What a small scene is changed to: half the image and five voltages, so that it is quick.
+fn small(dir: &TempDir) -> String {
+    let scenes = fixture("scenes");
+    let rig = fs::read_to_string(scenes.join("rig.toml")).unwrap();
+    let rig = rig.replace("width  = 768", "width  = 384").replace("height = 576", "height = 288");
+    fs::write(dir.path().join("rig.toml"), rig.replace("[8.6, 8.3]", "[17.2, 16.6]")).unwrap();
+    let scene = fs::read_to_string(scenes.join("ball.toml")).unwrap();
+    let line = scene.lines().find(|line| line.starts_with("sweep")).unwrap();
+    let scene = scene.replace(line, "sweep = { from_v = 0.8, to_v = 1.1, steps = 5 }");
+    let path = dir.path().join("scene.toml");
+    fs::write(&path, scene).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+#[test]
+fn simulate_makes_a_sound_capture_with_its_truth_the_same_on_any_number_of_threads() {
+    let dir = TempDir::new().unwrap();
+    let scene = small(&dir);
+    let out = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    let (one, many) = (out("one"), out("many"));
+    let made = uwscan(["simulate", &scene, "-o", &one, "--threads", "1", "--json"]).json(0);
+    assert_eq!(made["frames"], 5);
+    assert!(made["stripe_points"].as_u64().unwrap() > 50, "{made}");
+    uwscan(["simulate", &scene, "-o", &many, "--threads", "4"]).text();
+    for k in 0..5 {
+        let image = |folder: &str| fs::read(format!("{folder}/images/{k:05}.png")).unwrap();
+        assert_eq!(image(&one), image(&many), "image {k}");
+    }
+    assert!(uwscan(["info", &one]).text().contains("sound"));
+    let truth: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(format!("{one}/truth/truth.json")).unwrap()).unwrap();
+    assert_eq!(truth["objects"][0]["radius_mm"], 20.0175);
+    let stripes = fs::read_to_string(format!("{one}/truth/stripes.csv")).unwrap();
+    assert_eq!(stripes.lines().count() as u64, 1 + made["stripe_points"].as_u64().unwrap());
+
+    // An output that exists stays, and one that is somebody else's stays whatever is asked.
+    uwscan(["simulate", &scene, "-o", &one]).fails(&["one", "--force"]);
+    uwscan(["simulate", &scene, "-o", &one, "--force"]).text();
+    fs::remove_file(format!("{one}/capture.toml")).unwrap();
+    uwscan(["simulate", &scene, "-o", &one, "--force"]).fails(&["capture.toml"]);
+}
+
+#[test]
+fn simulate_records_what_it_writes_into_folders() {
+    let dir = TempDir::new().unwrap();
+    let scene = small(&dir);
+    let target = dir.path().join("scan.mcap");
+    uwscan(["simulate".as_ref(), scene.as_ref(), "-o".as_ref(), target.as_os_str()]).text();
+    let bytes = fs::read(&target).unwrap();
+    // Both ends of a whole MCAP file (its specification, "Magic").
+    assert!(bytes.starts_with(b"\x89MCAP0\r\n") && bytes.ends_with(b"\x89MCAP0\r\n"));
+    assert!(bytes.len() > 5 * 384 * 288, "{} bytes", bytes.len());
+    assert!(dir.path().join("scan.truth/stripes.csv").exists());
+    let left: Vec<_> = fs::read_dir(dir.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert_eq!(left.len(), 4, "{left:?}");
+}
+
+#[test]
+fn what_cannot_be_simulated_is_said_with_its_place() {
+    let dir = TempDir::new().unwrap();
+    let scene = small(&dir);
+    let good = fs::read_to_string(&scene).unwrap();
+    for (from, to, wanted) in [
+        ("\"sphere\"", "\"spher\"", "did you mean \"sphere\"?"),
+        ("radius_mm   = 20.0175", "radius_mm   = -1.0", "sphere's radius"),
+        ("to_v = 1.1", "to_v = 60.0", "window"),
+        ("\"rig.toml\"", "\"rog.toml\"", "rog.toml"),
+    ] {
+        let text = good.replacen(from, to, 1);
+        assert_ne!(text, good, "{from}");
+        fs::write(&scene, text).unwrap();
+        let target = dir.path().join("out");
+        let run = uwscan(["simulate".as_ref(), scene.as_ref(), "-o".as_ref(), target.as_os_str()]);
+        run.fails(&[wanted]);
+        assert!(!target.exists());
+    }
+}
+
+/// The bars are the demo's own: it fails where it misses them. Ten times the time that it takes on two quiet processors is still no hang.
+#[test]
+fn the_demo_finds_what_is_true_within_its_bars() {
+    let dir = TempDir::new().unwrap();
+    let target = dir.path().join("demo");
+    let found = uwscan(["demo".as_ref(), "-o".as_ref(), target.as_os_str(), "--json".as_ref()]).json(0);
+    assert_eq!(found["missed"].as_array().unwrap().len(), 0, "{found}");
+    let radius = &found["ball"][0];
+    assert_eq!((radius["name"].as_str(), radius["truth"].as_f64()), (Some("radius_mm"), Some(20.0175)));
+    assert!((radius["value"].as_f64().unwrap() - 20.0175).abs() <= 0.03, "{radius}");
+    assert!(found["cover_points"]["median_mm"].as_f64().unwrap() <= 0.06);
+    assert!(found["cover_points"]["compared"].as_u64().unwrap() > 10_000);
+    for name in ["calibration.toml", "ball.ply", "cover.ply", "cover/truth/truth.json"] {
+        assert!(target.join(name).exists(), "{name}");
+    }
+}
