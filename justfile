@@ -37,6 +37,10 @@ stripe-ratios:
 stripe-accuracy SEEDS="4" *SCENES:
     cargo run --release --locked --package uw-stripe --example accuracy -- {{SEEDS}} {{SCENES}}
 
+# Recording, extraction and triangulation together against disk, memory and bare queues in the same run; MEMORY is a tmpfs
+record-speed CALIBRATION DISK="." MEMORY="/dev/shm" FRAMES="2000":
+    cargo run --release --locked --example record_speed -- {{CALIBRATION}} {{DISK}} {{MEMORY}} {{FRAMES}}
+
 # An acceptance script of yours (SCRIPT --uwscan BINARY …) on the optimised command
 accept SCRIPT *ARGS: build
     {{SCRIPT}} --uwscan {{justfile_directory()}}/target/release/uwscan {{ARGS}}

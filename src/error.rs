@@ -33,6 +33,12 @@ pub enum Error {
     /// A file can't be read or written, or does not say what it must.
     #[error(transparent)]
     File(#[from] uw_io::Error),
+    /// A device does not do what a scan needs.
+    #[error(transparent)]
+    Instrument(#[from] uw_hw::Fault),
+    /// There is nothing to scan.
+    #[error(transparent)]
+    Plan(#[from] crate::pipeline::record::plan::PlanError),
     /// The captures determine no calibration.
     #[error("calibration: {0}")]
     Calibration(#[from] CalibError),

@@ -8,6 +8,7 @@
 //! | calibrate | `calibrate` | captures, rig | [`uw_calib::Calibration`] | which measurements take part | [`uw_calib::CalibError`] says what to capture |
 //! | sweep | `sweep` | centres of all images | centres | what the sheet's thickness moves, what it spoils | a rejected measurement is counted |
 //! | points | `points` | centres, calibration | points with covariance | refraction model | points without an intersection are counted |
+//! | record | `record` | instrument, plan | recording, points on the fly | what is waited for and what is lost, where more voltages are wanted | counted losses; [`record::Scanned`] says why it ended early |
 //! | reconstruct | `reconstruct` | scan, calibration | [`uw_cloud::PointCloud`] | water's index, order of the stages | [`crate::Failure`] |
 //! | simulate | `simulate` | scene file | capture, truth | true instrument, scene at each exposure | [`crate::Error::Simulation`] |
 //! | demo | `demo` | scenes compiled in | figures beside their truth | what has to come out how well | [`crate::Failure`] |
@@ -15,9 +16,12 @@
 mod boards;
 pub mod calibrate;
 pub mod demo;
+pub mod instrument;
 mod load;
 mod points;
 pub mod reconstruct;
+pub mod record;
+pub mod replay;
 pub mod simulate;
 mod stripes;
 mod sweep;
@@ -28,6 +32,10 @@ pub trait Progress: Sync {
     fn begin(&self, stage: &str, total: usize);
     /// One more step is done.
     fn step(&self);
+    /// The stage has so many steps more than it began with.
+    fn more(&self, _steps: usize) {}
+    /// What there is to say besides, in a few words; the last is the one that counts.
+    fn note(&self, _text: &str) {}
 }
 
 /// Tells nobody.

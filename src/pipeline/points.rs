@@ -7,7 +7,6 @@ use nalgebra::{Vector2, Vector3};
 use uw_calib::Across;
 use uw_cloud::CloudPoint;
 use uw_geom::{GeomError, Medium, Plane, Ray, Scanner, approx};
-use uw_io::FrameRecord;
 use uw_io::calibration_toml::CalibrationFile;
 
 /// From stripes to points, for one scan.
@@ -25,10 +24,10 @@ impl Tracer<'_> {
         self.calibration.calibration.scanner()
     }
 
-    /// The points of one image, and why others gave none.
+    /// The points of one image, `row` its number in the order of capture, and why others gave none.
     pub(crate) fn points(
         &self,
-        frame: &FrameRecord,
+        row: u32,
         voltage_v: f64,
         verdicts: Verdicts,
     ) -> (Vec<CloudPoint>, Vec<&'static str>) {
@@ -57,7 +56,7 @@ impl Tracer<'_> {
             let point = verdict.and_then(|seen| {
                 let pixel = Vector2::from(axis(across).uv(seen.line, seen.position_px));
                 let (point, slope) = trace(&pixel).map_err(|_| "no_intersection")?;
-                Ok(cloud_point(point, slope * seen.sigma_px, &seen, frame, &pixel))
+                Ok(cloud_point(point, slope * seen.sigma_px, &seen, row, &pixel))
             });
             match point {
                 Ok(point) => points.push(point),
@@ -88,14 +87,14 @@ fn cloud_point(
     point: Vector3<f64>,
     along: Vector3<f64>,
     seen: &Seen,
-    frame: &FrameRecord,
+    row: u32,
     pixel: &Vector2<f64>,
 ) -> CloudPoint {
     let covariance = along * along.transpose();
     CloudPoint {
         position_mm: point.into(),
         intensity: seen.amplitude as f32,
-        frame_row: frame.row as u32,
+        frame_row: row,
         pixel: [pixel.x as f32, pixel.y as f32],
         sigma_mm: along.norm() as f32,
         covariance_mm2: [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|at| covariance[at] as f32),

@@ -7,6 +7,7 @@ use crate::pipeline::stripes::{Rejects, extract, extractor};
 use crate::pipeline::sweep::{self, Image, Seen, Verdicts};
 use crate::{Error, Failure, Notes};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use uw_calib::Method;
@@ -143,7 +144,8 @@ fn points(
     if !capture.frames.iter().any(|frame| frame.laser_on) {
         return Err(Error::LaserOff { path: capture.path.clone() });
     }
-    let medium = medium(&capture, calibration, settings, &mut notes.warnings)?;
+    let nominal = capture.rig.as_ref().and_then(Rig::water_index);
+    let medium = outside(capture.medium, nominal, &capture.path, calibration, settings, &mut notes.warnings)?;
     let tracer = Tracer { calibration, refraction: settings.refraction, medium };
 
     let rig = &calibration.rig;
@@ -263,27 +265,41 @@ fn see(
     Ok(Stripes { image, rejected, spent })
 }
 
+/// Images in sweeps that visit no voltage twice: a voltage's second image belongs to the second sweep, and so on. Each is judged by
+/// itself, for neighbours at one voltage show nothing of how the surface goes on.
+fn passes(images: Vec<(&FrameRecord, Image)>) -> Vec<Vec<(&FrameRecord, Image)>> {
+    let (mut seen, mut passes) = (BTreeMap::<u64, usize>::new(), Vec::<Vec<_>>::new());
+    for (frame, image) in images {
+        let pass = seen.entry(image.voltage_v.to_bits()).or_default();
+        if passes.len() == *pass {
+            passes.push(Vec::new());
+        }
+        passes[*pass].push((frame, image));
+        *pass += 1;
+    }
+    passes
+}
+
 /// The points of all images, in the order of the frames; what the sweep as a whole tells against is counted in `rejected`.
 fn believed(
     tracer: &Tracer<'_>,
-    mut images: Vec<(&FrameRecord, Image)>,
+    images: Vec<(&FrameRecord, Image)>,
     rejected: &mut Rejects,
     spent: &mut Spent,
 ) -> Vec<CloudPoint> {
-    images.sort_by(|(_, a), (_, b)| a.voltage_v.total_cmp(&b.voltage_v));
-    let (frames, images): (Vec<&FrameRecord>, Vec<Image>) = images.into_iter().unzip();
-    let mut judged: Vec<(&FrameRecord, f64, Verdicts)> = frames
-        .into_iter()
-        .zip(&images)
-        .zip(sweep::judge(&images))
-        .map(|((frame, image), verdicts)| (frame, image.voltage_v, verdicts))
-        .collect();
+    let mut judged: Vec<(&FrameRecord, f64, Verdicts)> = Vec::new();
+    for mut pass in passes(images) {
+        pass.sort_by(|(_, a), (_, b)| a.voltage_v.total_cmp(&b.voltage_v));
+        let (frames, images): (Vec<&FrameRecord>, Vec<Image>) = pass.into_iter().unzip();
+        let verdicts = frames.into_iter().zip(&images).zip(sweep::judge(&images));
+        judged.extend(verdicts.map(|((frame, image), verdicts)| (frame, image.voltage_v, verdicts)));
+    }
     judged.sort_by_key(|(frame, ..)| frame.row);
     let made: Vec<_> = judged
         .into_par_iter()
         .map(|(frame, voltage_v, verdicts)| {
             let began = Instant::now();
-            let points = tracer.points(frame, voltage_v, verdicts);
+            let points = tracer.points(frame.row as u32, voltage_v, verdicts);
             (points, began.elapsed())
         })
         .collect();
@@ -301,16 +317,18 @@ fn believed(
 /// Lowest and highest index of water, relative to air, that a mistake is not likelier than.
 const LIKELY_WATER: [f64; 2] = [1.30, 1.38];
 
-/// What is outside the windows during the scan (FORMATS §2).
-fn medium(
-    capture: &Capture,
+/// What is outside the windows during a scan in `medium`, the index of its water `nominal` where that is known (FORMATS §2).
+pub(crate) fn outside(
+    medium: uw_io::Medium,
+    nominal: Option<f64>,
+    scan: &Path,
     file: &CalibrationFile,
     settings: &Settings,
     warnings: &mut Vec<String>,
 ) -> Result<Medium, Error> {
-    let dir = capture.path.display();
+    let dir = scan.display();
     let given = settings.water != WaterIndex::Calibrated;
-    if settings.medium.unwrap_or(capture.medium) == uw_io::Medium::Air {
+    if settings.medium.unwrap_or(medium) == uw_io::Medium::Air {
         if given {
             warnings.push(format!(
                 "{dir}: captured in air, so the index given for the water is not used; if it was captured in water, give --medium \
@@ -329,9 +347,8 @@ fn medium(
             Medium::of_index(uw_geom::water::index(temperature_c, salinity_psu, wavelength, depth_m))
         }
         WaterIndex::Calibrated => {
-            let of_scan = capture.rig.as_ref().and_then(Rig::water_index);
-            let nominal = of_scan.or(file.calibration.nominal_water_index).or_else(|| file.rig.water_index());
-            let unknown = || Error::NoWaterIndex { path: capture.path.clone() };
+            let nominal = nominal.or(file.calibration.nominal_water_index).or_else(|| file.rig.water_index());
+            let unknown = || Error::NoWaterIndex { path: scan.to_owned() };
             file.calibration.water(nominal.ok_or_else(unknown)?)
         }
     };

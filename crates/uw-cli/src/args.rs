@@ -7,7 +7,7 @@ use clap::{
 };
 
 use crate::commands::{
-    calibrate, completions, convert, demo, fit, info, man, mesh, reconstruct, recover, simulate,
+    calibrate, completions, convert, demo, fit, info, man, mesh, reconstruct, recover, scan, simulate,
 };
 
 /// Underwater laser-line scanning: calibration, exact refraction, point clouds and measurements.
@@ -75,6 +75,8 @@ pub enum Command {
     Calibrate(calibrate::Args),
     /// Turn a recorded sweep into a point cloud
     Reconstruct(reconstruct::Args),
+    /// Drive galvanometer, laser and camera through a sweep: record it, and make points as it goes
+    Scan(scan::Args),
     /// Fit one shape to a point cloud, robustly, with uncertainty and deviations
     Fit(fit::Args),
     /// Triangulate the surface that a sweep saw

@@ -23,7 +23,7 @@ const LOSSES_TOLD: usize = 10;
 const REJECTS_TOLD: usize = 3;
 
 /// Standard error, as the user wants it.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Console {
     color: bool,
     terminal: bool,

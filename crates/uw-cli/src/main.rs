@@ -8,6 +8,7 @@ mod exit;
 mod figures;
 mod output;
 mod progress;
+mod signals;
 mod text;
 
 use std::process::ExitCode;

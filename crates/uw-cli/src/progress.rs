@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 use crate::console::Console;
 
-const BAR: &str = "{prefix:>11} [{bar:30}] {pos}/{len} {rate}, {eta} left";
+const BAR: &str = "{prefix:>11} [{bar:30}] {pos}/{len} {rate}, {eta} left  {msg}";
 /// A stage without steps to count.
 const SPINNER: &str = "{prefix:>11} {spinner} {elapsed}";
 /// How often a plain line is written, and a spinner turned.
@@ -25,7 +25,7 @@ pub struct Progress<'c> {
 
 enum Stage {
     Bar(ProgressBar),
-    Lines { name: String, total: usize, done: usize, began: Instant, told: Instant },
+    Lines { name: String, total: usize, done: usize, began: Instant, told: Instant, note: String },
 }
 
 impl<'c> Progress<'c> {
@@ -70,7 +70,7 @@ impl uwscan::pipeline::Progress for Progress<'_> {
         } else {
             self.console.line(if total > 1 { format!("{name}: {total}") } else { name.to_owned() });
             let now = Instant::now();
-            Stage::Lines { name: name.to_owned(), total, done: 0, began: now, told: now }
+            Stage::Lines { name: name.to_owned(), total, done: 0, began: now, told: now, note: String::new() }
         };
         self.replace(Some(stage));
     }
@@ -79,16 +79,32 @@ impl uwscan::pipeline::Progress for Progress<'_> {
         let mut stage = self.stage.lock().unwrap_or_else(PoisonError::into_inner);
         match stage.as_mut() {
             Some(Stage::Bar(bar)) => bar.inc(1),
-            Some(Stage::Lines { name, total, done, began, told }) => {
+            Some(Stage::Lines { name, total, done, began, told, note }) => {
                 *done += 1;
                 if told.elapsed() >= LINE_EVERY && *done < *total {
                     *told = Instant::now();
                     let rate = *done as f64 / began.elapsed().as_secs_f64();
                     let left = (*total - *done) as f64 / rate;
                     self.console
-                        .line(format_args!("{name}: {done} of {total}, {rate:.1}/s, {left:.0} s left"));
+                        .line(format_args!("{name}: {done} of {total}, {rate:.1}/s, {left:.0} s left{note}"));
                 }
             }
+            None => {}
+        }
+    }
+
+    fn more(&self, steps: usize) {
+        match self.stage.lock().unwrap_or_else(PoisonError::into_inner).as_mut() {
+            Some(Stage::Bar(bar)) => bar.inc_length(steps as u64),
+            Some(Stage::Lines { total, .. }) => *total += steps,
+            None => {}
+        }
+    }
+
+    fn note(&self, text: &str) {
+        match self.stage.lock().unwrap_or_else(PoisonError::into_inner).as_mut() {
+            Some(Stage::Bar(bar)) => bar.set_message(text.to_owned()),
+            Some(Stage::Lines { note, .. }) => *note = format!(", {text}"),
             None => {}
         }
     }

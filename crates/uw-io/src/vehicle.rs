@@ -56,6 +56,8 @@ pub struct Vehicle {
 pub enum GalvoDriver {
     /// A controller on a serial port that speaks a [dialect](DialectTable).
     Scpi,
+    /// A recording's, with the replayed camera.
+    Replay,
     /// The simulator's.
     Simulated,
 }
@@ -105,6 +107,8 @@ pub enum LaserDriver {
     Galvo,
     /// A controller of its own on a serial port.
     Scpi,
+    /// A recording's, with the replayed camera.
+    Replay,
     /// The simulator's.
     Simulated,
 }

@@ -10,6 +10,7 @@ pub mod man;
 pub mod mesh;
 pub mod reconstruct;
 pub mod recover;
+pub mod scan;
 pub mod simulate;
 
 use anyhow::Context;
@@ -34,6 +35,7 @@ pub fn run(cli: &Cli, console: &Console) -> anyhow::Result<Outcome> {
         Command::Demo(args) => demo::run(args, console),
         Command::Calibrate(args) => calibrate::run(args, console),
         Command::Reconstruct(args) => reconstruct::run(args, console),
+        Command::Scan(args) => scan::run(args, console),
         Command::Fit(args) => fit::run(args, console),
         Command::Mesh(args) => mesh::run(args, console),
         Command::Info(args) => info::run(args, console),

@@ -43,6 +43,16 @@ pub(super) fn check(vehicle: &Vehicle, file: &TomlFile) -> Result<Vec<Problem>, 
         let what = "simulated devices need a scene to see";
         return Err(file.error("scene", what, "add a line: scene = \"scene.toml\""));
     }
+    let replayed = [
+        ("galvo.driver", vehicle.galvo.driver == GalvoDriver::Replay),
+        ("laser.driver", vehicle.laser.driver == LaserDriver::Replay),
+    ];
+    for (key, _) in
+        replayed.into_iter().filter(|(_, so)| *so && vehicle.camera.driver != CameraDriver::Replay)
+    {
+        let what = "only a replayed camera has a recording to take this from";
+        return Err(file.error(key, what, "write camera.driver = \"replay\", or choose another driver here"));
+    }
     Ok(check.warnings)
 }
 

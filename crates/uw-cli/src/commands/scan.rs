@@ -1,0 +1,299 @@
+//! `uwscan scan`.
+
+use std::{
+    collections::BTreeMap,
+    num::NonZeroU32,
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use anyhow::Context;
+use clap::ValueEnum;
+use serde::Serialize;
+use uwscan::{
+    hw::interlock::Report,
+    io::{
+        CalibrationFile, Kind, Medium, Rig, atomic, calibration_toml, clouds,
+        recording::{Head, Options},
+        vehicle::Vehicle,
+    },
+    pipeline::{
+        instrument::{self, Wanted},
+        reconstruct,
+        record::{Scanned, Settings, plan::Region, scan, session::Observer},
+    },
+    stripe::Method,
+};
+
+use crate::{
+    commands::overwrite,
+    console::Console,
+    exit::{Outcome, chain},
+    output,
+    progress::Progress,
+    signals,
+};
+
+/// Arguments of `scan`.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "The laser is off and the mirror parked on every way out: at the end, after an error, on Ctrl-C and \
+    SIGTERM, and where the scan hangs. What was recorded until then is kept, and the exit code is 3. A second Ctrl-C leaves \
+    at once."
+)]
+pub struct Args {
+    /// Vehicle file: devices, limits, sweep
+    #[arg(long, value_name = "FILE")]
+    config: PathBuf,
+    /// Recording to write, .mcap; the cloud goes beside it, as .ply
+    #[arg(short, long, value_name = "FILE", value_parser = recording)]
+    output: PathBuf,
+    /// Calibration file in place of the vehicle file's
+    #[arg(short, long, value_name = "FILE")]
+    calibration: Option<PathBuf>,
+    /// Sweep so many times
+    #[arg(long, value_name = "N", default_value = "1")]
+    repeat: NonZeroU32,
+    /// Only the voltages from V0 to V1; may be given several times
+    #[arg(long, value_name = "V0:V1", value_parser = region, allow_hyphen_values = true)]
+    region: Vec<Region>,
+    /// A coarse sweep first, then more images where the surface bends by more than a point's standard deviation between two of them
+    #[arg(long)]
+    adaptive: bool,
+    /// How much coarser the first sweep is, with --adaptive
+    #[arg(long, value_name = "N", default_value = "8", requires = "adaptive")]
+    coarser: NonZeroU32,
+    /// What is outside the windows [default: water if the rig file has [water], else air]
+    #[arg(long)]
+    medium: Option<MediumArg>,
+    /// Replace the outputs if they exist
+    #[arg(long)]
+    force: bool,
+    /// Print one JSON object instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum MediumArg {
+    /// On land
+    Air,
+    /// Submerged
+    Water,
+}
+
+fn recording(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension().and_then(|e| e.to_str()) {
+        Some(ending) if ending.eq_ignore_ascii_case("mcap") => Ok(path),
+        _ => Err("a recording's name ends in .mcap".to_owned()),
+    }
+}
+
+fn region(text: &str) -> Result<Region, String> {
+    let volts = |text: &str| text.trim().parse::<f64>().ok();
+    let both = text.split_once(':').and_then(|(a, b)| Region::new(volts(a)?, volts(b)?));
+    both.ok_or_else(|| "give two voltages with a colon between them, such as -1.5:0.25".to_owned())
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Record<'a> {
+    recording: String,
+    cloud: Option<String>,
+    planned: usize,
+    frames: usize,
+    lost: &'a BTreeMap<&'static str, usize>,
+    duplicated: usize,
+    repeated: usize,
+    ended: Option<String>,
+    points: Option<usize>,
+    rejected: Option<&'a BTreeMap<&'static str, usize>>,
+    on_the_fly: OnTheFly,
+    laser_off: bool,
+    parked_v: Option<f64>,
+    bytes: Option<u64>,
+    longest_queue: usize,
+    warnings: &'a [String],
+    seconds: f64,
+    frames_per_second: f64,
+}
+
+/// The points that were made while scanning.
+#[derive(Serialize)]
+struct OnTheFly {
+    frames: usize,
+    skipped: usize,
+    points: usize,
+    latency_median_ms: Option<f64>,
+    latency_99_ms: Option<f64>,
+}
+
+struct Quiet;
+impl Observer for Quiet {}
+
+/// Scans, records and reconstructs.
+///
+/// # Errors
+/// The scan could not begin, nothing was recorded, the laser would not go off, or an output can't be written.
+pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
+    let began = Instant::now();
+    let overwrite = overwrite(args.force);
+    let cloud_path = args.output.with_extension("ply");
+    atomic::check(&args.output, overwrite)?;
+    let (vehicle, problems) = Vehicle::read(&args.config)?;
+    console.problems(&problems);
+    let (rig, problems) = Rig::read(&vehicle.resolve(&vehicle.rig))?;
+    console.problems(&problems);
+    let calibration = calibration(args, &vehicle, console)?;
+    if calibration.is_some() {
+        atomic::check(&cloud_path, overwrite)?;
+    } else {
+        console.warn(
+            "no calibration is given: the scan is only recorded (add calibration to the vehicle file, or -c)",
+        );
+    }
+    let medium = match args.medium {
+        Some(MediumArg::Air) => Medium::Air,
+        Some(MediumArg::Water) => Medium::Water,
+        None if rig.water.is_some() => Medium::Water,
+        None => Medium::Air,
+    };
+    let mut head = Head::new(Kind::Scan, medium, None);
+    head.rig = Some(rig.to_toml()?);
+    head.calibration = calibration.as_ref().map(|(_, text)| text.clone());
+
+    let alarm = console.clone();
+    let on_stop = move |report: &Report| report.alarms().iter().for_each(|text| alarm.error(text));
+    let (instrument, recorded) = instrument::open(&vehicle, &rig, on_stop)?;
+    signals::stop_on_signals(instrument.interlock.handle()).context("cannot listen for Ctrl-C")?;
+    let coarser = args.adaptive.then(|| args.coarser.get());
+    let wanted = Wanted { repeat: args.repeat.get(), regions: args.region.clone(), coarser };
+    let plan = instrument::plan(&vehicle, &wanted, recorded)?;
+    if args.adaptive && (plan.adaptive.is_none() || calibration.is_none()) {
+        anyhow::bail!(
+            "--adaptive needs a calibration, whose points tell where the surface bends, and a sweep by steps \
+             (sweep.mode = \"step\"): give both, or leave --adaptive out"
+        );
+    }
+    let settings = Settings {
+        path: &args.output,
+        overwrite,
+        recording: Options::default(),
+        head: &head,
+        rig: Some(&rig),
+        calibration: calibration.as_ref().map(|(file, _)| file),
+        reconstruct: reconstruct::Settings::default(),
+        preview: Method::Robust,
+    };
+    let progress = Progress::new(console);
+    let result = scan(instrument, &plan, &settings, &progress, &Quiet);
+    drop(progress);
+    let scanned = result.map_err(|failure| console.failure(failure))?;
+    let outcome = tell(&scanned, console)?;
+    let cloud = match &scanned.made {
+        Some(Ok(made)) => {
+            clouds::write(&cloud_path, overwrite, &made.cloud, clouds::Format::of(&cloud_path)?)?;
+            Some(cloud_path.as_path())
+        }
+        _ => None,
+    };
+    print(args, &scanned, cloud, began.elapsed().as_secs_f64())?;
+    Ok(outcome)
+}
+
+/// The calibration and its text, as far as one is named.
+fn calibration(
+    args: &Args,
+    vehicle: &Vehicle,
+    console: &Console,
+) -> anyhow::Result<Option<(CalibrationFile, String)>> {
+    let named = vehicle.calibration.as_deref().map(|path| vehicle.resolve(path));
+    let Some(path) = args.calibration.clone().or(named) else { return Ok(None) };
+    let (file, problems) = calibration_toml::read(&path)?;
+    console.problems(&problems);
+    let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+    Ok(Some((file, text)))
+}
+
+/// Tells what went wrong; what that makes of the command's end.
+fn tell(scanned: &Scanned, console: &Console) -> anyhow::Result<Outcome> {
+    scanned.warnings.iter().for_each(|warning| console.warn(warning));
+    if let Some(error) = &scanned.recording_error {
+        console.warn(format_args!("the recording was cut off: {error}"));
+    }
+    if let Some(ended) = &scanned.ended {
+        console.warn(format_args!("the scan ended early: {ended}"));
+    }
+    for (why, count) in &scanned.counts.lost {
+        console.warn(format_args!("lost: {count} images: {why}"));
+    }
+    match &scanned.made {
+        Some(Ok(made)) => made.warnings.iter().for_each(|warning| console.warn(warning)),
+        Some(Err(failure)) => console.warn(format_args!("no cloud: {failure}")),
+        None => {}
+    }
+    if scanned.report.laser_off.is_err() {
+        anyhow::bail!("{}", scanned.report.alarms().join("; "));
+    }
+    if scanned.counts.recorded == 0 {
+        anyhow::bail!("no image was recorded: {}", why_nothing(scanned));
+    }
+    Ok(if scanned.whole() { Outcome::Done } else { Outcome::WithLoss })
+}
+
+fn why_nothing(scanned: &Scanned) -> String {
+    let ended = scanned.ended.as_ref().map(|ended| chain(&anyhow::Error::new(ended.clone())));
+    let recording = scanned.recording_error.as_ref().map(ToString::to_string);
+    recording.or(ended).unwrap_or_else(|| "the plan has none".to_owned())
+}
+
+fn print(args: &Args, scanned: &Scanned, cloud: Option<&Path>, seconds: f64) -> anyhow::Result<()> {
+    let counts = &scanned.counts;
+    let made = scanned.made.as_ref().and_then(|made| made.as_ref().ok());
+    let ms = |us: u64| us as f64 * 1e-3;
+    let record = Record {
+        recording: args.output.display().to_string(),
+        cloud: cloud.map(|path| path.display().to_string()),
+        planned: counts.planned,
+        frames: counts.recorded,
+        lost: &counts.lost,
+        duplicated: counts.duplicated,
+        repeated: counts.repeated,
+        ended: scanned.ended.as_ref().map(ToString::to_string),
+        points: made.map(|made| made.cloud.len()),
+        rejected: made.map(|made| &made.rejected),
+        on_the_fly: OnTheFly {
+            frames: counts.previewed,
+            skipped: counts.skipped,
+            points: counts.points,
+            latency_median_ms: counts.latency_us.map(|[middle, _]| ms(middle)),
+            latency_99_ms: counts.latency_us.map(|[_, late]| ms(late)),
+        },
+        laser_off: scanned.report.laser_off.is_ok(),
+        parked_v: scanned.report.parked.as_ref().ok().copied(),
+        bytes: scanned.recorded.map(|recorded| recorded.bytes),
+        longest_queue: counts.longest_queue,
+        warnings: &scanned.warnings,
+        seconds,
+        frames_per_second: scanned.frames_per_second(),
+    };
+    if args.json {
+        return output::json(&record);
+    }
+    let mut text = format!(
+        "{}: {} of {} images, {:.1} per second\n",
+        record.recording, record.frames, record.planned, record.frames_per_second
+    );
+    if let (Some(cloud), Some(points)) = (&record.cloud, record.points) {
+        text += &format!("{cloud}: {points} points\n");
+    }
+    if let (Some(middle), Some(late)) = (record.on_the_fly.latency_median_ms, record.on_the_fly.latency_99_ms)
+    {
+        let OnTheFly { frames, points, .. } = record.on_the_fly;
+        text += &format!(
+            "on the fly: {points} points of {frames} images, {middle:.1} ms after the exposure (99 %: {late:.1} ms)\n"
+        );
+    }
+    output::print(text)
+}
