@@ -47,9 +47,8 @@ pub(super) fn check(vehicle: &Vehicle, file: &TomlFile) -> Result<Vec<Problem>, 
         ("galvo.driver", vehicle.galvo.driver == GalvoDriver::Replay),
         ("laser.driver", vehicle.laser.driver == LaserDriver::Replay),
     ];
-    for (key, _) in
-        replayed.into_iter().filter(|(_, so)| *so && vehicle.camera.driver != CameraDriver::Replay)
-    {
+    let alone = replayed.into_iter().find(|(_, so)| *so && vehicle.camera.driver != CameraDriver::Replay);
+    if let Some((key, _)) = alone {
         let what = "only a replayed camera has a recording to take this from";
         return Err(file.error(key, what, "write camera.driver = \"replay\", or choose another driver here"));
     }
