@@ -6,6 +6,8 @@
 
 #[path = "../tests/it/optics.rs"]
 mod optics;
+#[path = "../tests/it/others.rs"]
+mod others;
 #[path = "../tests/it/suite.rs"]
 mod suite;
 
@@ -14,11 +16,11 @@ fn main() {
     let seeds = words.next().and_then(|w| w.parse().ok()).unwrap_or(4);
     let wanted: Vec<String> = words.collect();
     let asked = |name: &str| wanted.is_empty() || wanted.iter().any(|w| name.starts_with(w.as_str()));
-    println!("{:<18} {:<30} {}", "scene", "method", suite::HEADS);
-    for case in suite::CASES.iter().filter(|c| asked(c.name)) {
+    println!("{:<20} {:<30} {}", "scene", "method", suite::HEADS);
+    for case in suite::CASES.iter().chain(&others::OTHERS).filter(|c| asked(c.name)) {
         for (contender, score) in suite::CONTENDERS.iter().zip(suite::judge(case, &suite::CONTENDERS, seeds))
         {
-            println!("{:<18} {:<30} {}", case.name, contender.name, score.row());
+            println!("{:<20} {:<30} {}", case.name, contender.name, score.row());
         }
     }
 }

@@ -3,10 +3,11 @@
 #![allow(clippy::print_stdout, reason = "printing is what this example is for")]
 
 use std::error::Error;
-use uw_stripe::{Axis, Extractor, Options, Stripe, View};
+use uw_stripe::{Axis, Extractor, Method, Options, Stripe, View};
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let mut options = Options::default();
+    // The images may have nothing in common.
+    let mut options = Options { method: Method::Precise, ..Options::default() };
     let mut files: Vec<String> = std::env::args().skip(1).collect();
     if files.first().is_some_and(|f| f == "--columns") {
         files.remove(0);

@@ -71,4 +71,48 @@ pub enum StripeError {
         /// Measurements found.
         got: usize,
     },
+    /// An exposure with too few frames to tell noise from what is fixed.
+    #[error(
+        "an exposure needs at least {needed} frames, so that noise is told from what is fixed; got {got}"
+    )]
+    TooFewFrames {
+        /// Least number of frames.
+        needed: usize,
+        /// Frames given.
+        got: usize,
+    },
+    /// Frames of one exposure that differ in size.
+    #[error(
+        "the frames of an exposure must be of one size, {needed_width} x {needed_height}, \
+         got {got_width} x {got_height}"
+    )]
+    FrameSize {
+        /// Columns of the first.
+        needed_width: usize,
+        /// Rows of the first.
+        needed_height: usize,
+        /// Columns of another.
+        got_width: usize,
+        /// Rows of another.
+        got_height: usize,
+    },
+    /// Frames whose levels are too few, or too alike, to tell the gain.
+    #[error(
+        "{levels} usable levels of light do not tell the gain (its sigma would be {relative_sigma:.2} of it); \
+         give frames from the dark to near full scale, not clipped"
+    )]
+    TooFewLevels {
+        /// Levels that were not clipped and had pixels enough.
+        levels: usize,
+        /// Standard deviation of the gain by the gain.
+        relative_sigma: f64,
+    },
+    /// Noise that vanishes above grey value 0.
+    #[error(
+        "the noise vanishes at {level_dn:.0} DN, above 0: take the camera's black level off the frames first"
+    )]
+    BlackLevel {
+        /// Where the line of variance over level meets zero, DN.
+        level_dn: f64,
+    },
 }

@@ -6,13 +6,14 @@ use crate::engine::{AllBuffers, Engine, Job, Kind, Model};
 use crate::options::{Method, Options};
 use crate::pool::Pool;
 use crate::precise::{Precise, median};
-use crate::profile::{Reject, Stripe};
-use crate::ridge::{Ridge, RidgePoint};
+use crate::profile::{Flags, Reject, Stripe};
+use crate::ridge::Ridge;
 use crate::{NoiseModel, Pixel, StripeError, View};
 
 /// Finds the stripe in one image after another, and keeps its buffers from image to image.
 ///
-/// With [`Method::Precise`] a result depends on its image alone. The other methods learn noise and width from the first image that shows
+/// With [`Method::Precise`] a result depends on its image alone; it, and [`Extractor::extract_all`], take memory anew while they learn an
+/// image's noise and tell stripes apart. The other methods learn noise and width from the first image that shows
 /// enough of a stripe, unless [`Options::noise`] and [`Options::width_px`] give them, and keep them until [`Extractor::forget`]; until then,
 /// and with a background image, they measure as `Precise` does. Give both, or [`Extractor::learn`] from one image beforehand, where results
 /// must not depend on the order of the images.
@@ -36,13 +37,13 @@ pub struct Extractor {
     precise: Precise,
     /// Made for the noise and width at hand; `None`: not known yet.
     engine: Option<Engine>,
-    /// Made for the width across the stripe, which the first stripe's slope tells.
-    ridge: Option<Ridge>,
-    candidates: Vec<Option<f32>>,
-    points: Vec<Option<RidgePoint>>,
+    /// Made for the width across the stripe, px, which the stripe's slope tells.
+    ridge: Option<(f64, Ridge)>,
+    slopes: Vec<f64>,
     pool: Pool,
     buffers: AllBuffers,
     stripe: Stripe,
+    stripes: Vec<Stripe>,
     level: Level,
 }
 
@@ -63,11 +64,11 @@ impl Extractor {
             options,
             engine: None,
             ridge: None,
-            candidates: Vec::new(),
-            points: Vec::new(),
+            slopes: Vec::new(),
             pool: Pool::default(),
             buffers: AllBuffers::default(),
             stripe: Stripe::empty(),
+            stripes: Vec::new(),
             level,
         };
         extractor.forget();
@@ -93,6 +94,54 @@ impl Extractor {
         Ok(&self.stripe)
     }
 
+    /// The [`Options::stripes`] stripes of most light in `image`, that with most first, each with one entry a line.
+    ///
+    /// A rank follows one physical stripe as far as its neighbours say so: stripes that cross go on as they pointed, one that breaks off and
+    /// goes on nearby keeps its rank, and one that ends leaves its rank free. Stripes of equal strength that cross may lose the lines after the
+    /// crossing. Lines on which two are too near to be told apart are
+    /// rejected in both ([`Reject::Merged`]). Whatever the method, each line is measured by maximum likelihood, all stripes of it together;
+    /// every stripe has its own speckle scatter, and `rival_ratio` is that of the strongest of the others.
+    ///
+    /// # Errors
+    /// As [`Extractor::extract`].
+    ///
+    /// # Examples
+    /// ```
+    /// use uw_stripe::{Extractor, Options, View};
+    /// // Two stripes on 16 rows: at column 20.25, and half as bright at 60.5.
+    /// let bell = |x: f64, at: f64| (-0.125 * (x - at).powi(2)).exp();
+    /// let pixels: Vec<u8> = (0..16 * 80)
+    ///     .map(|i| f64::from(i % 80))
+    ///     .map(|x| (200.0 * bell(x, 20.25) + 100.0 * bell(x, 60.5)) as u8)
+    ///     .collect();
+    /// let mut extractor = Extractor::new(Options { stripes: 2, ..Options::default() })?;
+    /// let stripes = extractor.extract_all(View::packed(&pixels, 80, 16)?, None)?;
+    /// assert!(stripes[0].measurements().all(|m| (m.position_px - 20.25).abs() < 0.02));
+    /// assert!(stripes[1].measurements().all(|m| (m.position_px - 60.5).abs() < 0.02));
+    /// # Ok::<(), uw_stripe::StripeError>(())
+    /// ```
+    pub fn extract_all<P: Pixel>(
+        &mut self,
+        image: View<'_, P>,
+        background: Option<View<'_, P>>,
+    ) -> Result<&[Stripe], StripeError> {
+        P::extract_all(self, image, background)?;
+        Ok(&self.stripes)
+    }
+
+    /// Fills `self.stripes`.
+    pub(crate) fn extract_all_pixels<P: Pixel>(
+        &mut self,
+        image: View<'_, P>,
+        background: Option<View<'_, P>>,
+    ) -> Result<(), StripeError> {
+        self.precise.extract_all(image, background, self.options.stripes, &mut self.stripes)?;
+        for stripe in &mut self.stripes {
+            finish(&self.options, &mut self.pool, stripe);
+        }
+        Ok(())
+    }
+
     /// Fills `self.stripe`.
     pub(crate) fn extract_pixels<P: Pixel>(
         &mut self,
@@ -115,15 +164,16 @@ impl Extractor {
                 engine.extract(job, self.options.track, P::buffers(&mut self.buffers), &mut self.stripe);
                 if self.options.method == Method::Ridge {
                     let width = f64::from(engine.model().width_px);
-                    let ridge = self.ridge.get_or_insert_with(|| Ridge::new(width / obliquity(&self.stripe)));
-                    follow(ridge, &image, &mut self.candidates, &mut self.points, &mut self.stripe);
+                    // By steps, so that kernels are kept and a result depends on its own image alone.
+                    let step = (obliquity(&self.stripe, &mut self.slopes).ln() / OBLIQUITY_STEP).round();
+                    let across = width / (step * OBLIQUITY_STEP).exp();
+                    let kept = self.ridge.take().filter(|(of, _)| of.total_cmp(&across).is_eq());
+                    let (_, ridge) = self.ridge.insert(kept.unwrap_or_else(|| (across, Ridge::new(across))));
+                    ridge.replace(&image, &mut self.stripe);
                 }
             }
         }
-        if let Some(sigma_lines) = self.options.pool_lines {
-            let lines = 0..self.stripe.len();
-            self.pool.apply(&mut self.stripe, lines, f64::from(sigma_lines), |_| POOLED_STEP_PX);
-        }
+        finish(&self.options, &mut self.pool, &mut self.stripe);
         Ok(())
     }
 
@@ -182,46 +232,35 @@ impl Extractor {
     }
 }
 
-/// Replaces what the filters found by where the ridge next to it crosses each line; where there is nothing to pool, at the image's first and
-/// last lines, it stands.
-fn follow<P: Pixel>(
-    ridge: &mut Ridge,
-    image: &View<'_, P>,
-    candidates: &mut Vec<Option<f32>>,
-    points: &mut Vec<Option<RidgePoint>>,
-    stripe: &mut Stripe,
-) {
-    candidates.clear();
-    candidates.extend(stripe.position_px.iter().map(|p| (!p.is_nan()).then_some(*p)));
-    ridge.follow(image, stripe.axis, candidates, &stripe.noise, points);
-    for (line, point) in points.iter().enumerate().filter(|(i, _)| candidates[*i].is_some()) {
-        if let Some(point) = point {
-            stripe.position_px[line] = point.position as f32;
-            stripe.sigma_px[line] = point.sigma as f32;
-            stripe.amplitude[line] = point.amplitude as f32;
-            stripe.background[line] = point.background as f32;
-        } else if ridge.pools_at(line, points.len()) {
-            stripe.drop_line(line, Reject::NotConverged);
+/// What is asked for whatever the method.
+fn finish(options: &Options, pool: &mut Pool, stripe: &mut Stripe) {
+    if options.reject_edges {
+        for line in 0..stripe.len() {
+            if stripe.reject[line].is_none() && stripe.flags[line].contains(Flags::EDGE) {
+                stripe.drop_line(line, Reject::Edge);
+            }
         }
+    }
+    if let Some(sigma_lines) = options.pool_lines {
+        let lines = 0..stripe.len();
+        pool.apply(stripe, lines, f64::from(sigma_lines), |_| POOLED_STEP_PX);
     }
 }
 
 /// Width along a line by that across the stripe: the median of √(1 + slope²) over the image.
-fn obliquity(stripe: &Stripe) -> f64 {
+fn obliquity(stripe: &Stripe, all: &mut Vec<f64>) -> f64 {
     /// Lines over which a slope is told.
     const OVER: usize = 4;
     let slope = |p: &[f32]| f64::from((p[OVER] - p[0]) / OVER as f32);
-    let mut all: Vec<f64> = stripe
-        .position_px
-        .windows(OVER + 1)
-        .map(slope)
-        .filter(|s| s.is_finite())
-        .map(|s| s.hypot(1.0))
-        .collect();
-    if all.is_empty() { 1.0 } else { median(&mut all) }
+    let slopes = stripe.position_px.windows(OVER + 1).map(slope);
+    all.clear();
+    all.extend(slopes.filter(|s| s.is_finite()).map(|s| s.hypot(1.0)));
+    if all.is_empty() { 1.0 } else { median(all) }
 }
 
 /// Longest step from a line to the next that is pooled across, px.
 const POOLED_STEP_PX: f32 = 5.0;
+/// Step of ln √(1 + slope²) by which ridge kernels differ: what it costs them is a thousandth.
+const OBLIQUITY_STEP: f64 = 0.05;
 /// Narrowest width that filters are made for, px.
 const NARROWEST_PX: f32 = 0.4;

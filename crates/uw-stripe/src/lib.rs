@@ -10,8 +10,8 @@
 //! |---|---|---|---|---|---|---|
 //! | `Fast` | kHz cameras, weak computers, clear water | 0.99 | 1.01 | 0.99 | 4.6 | 24 % |
 //! | `Robust` | nearly everything | 0.99 | 1.01 | 0.99 | 0.98 | 0 |
-//! | `Precise` | speckle, albedo edges, unknown noise, single images | 1.01 | 1.04 | 1.01 | 1.00 | 0 |
-//! | `Ridge` | steep stripes and low signal, pooled along the stripe | 0.52 | 0.47 | 0.64 | 3.9 | 0 |
+//! | `Precise` | unknown noise, images that have nothing in common | 1.01 | 1.04 | 1.01 | 1.00 | 0 |
+//! | `Ridge` | steep stripes and low signal, pooled along the stripe | 0.52 | 0.47 | 0.64 | 0.51 | 0 |
 //!
 //! `Fast` and `Robust` are vector kernels on the image as it lies in memory (`engine`, which see); with `Precise`, to which `Robust` hands
 //! the lines that its filters do not suit, the steps are these:
@@ -19,19 +19,23 @@
 //! | step | module | decides |
 //! |---|---|---|
 //! | lines | `lines` | rows or columns, background subtracted, which pixels are clipped |
-//! | noise | `noise` | variance of a grey value: given, or read off the image |
+//! | noise | `noise`, `flats` | variance of a grey value: given, read off the image, or off dark and flat frames |
 //! | candidates | `peak` | box Laplacian of Gaussian at several widths, threshold from the noise |
 //! | track | `track` | which candidate continues its neighbours' |
+//! | ranks | `ranks` | which candidates are one stripe, where several are asked for |
 //! | refinement | `mle` | maximum likelihood of a pixel-integrated Gaussian on a smooth background |
+//! | neighbours | `edges`, `scatter` | albedo edges, speckle, ends: what only the lines together show |
 //! | verdict | `precise`, `verdict` | flags and rejects |
 //! | bends | `bend` | what blur moves along a bent stripe |
 //!
 //! Pixel (0, 0) is the centre of the top-left pixel. Grey values are in DN, positions, widths and sigmas in pixels.
 
 mod bend;
+mod edges;
 mod engine;
 mod error;
 mod extractor;
+mod flats;
 mod lines;
 mod mle;
 mod noise;
@@ -40,7 +44,9 @@ mod peak;
 mod pool;
 mod precise;
 mod profile;
+mod ranks;
 mod ridge;
+mod scatter;
 mod special;
 mod track;
 mod verdict;
@@ -49,6 +55,7 @@ mod view;
 pub use engine::{Tracking, brightest};
 pub use error::StripeError;
 pub use extractor::Extractor;
+pub use flats::PhotonTransfer;
 pub use noise::NoiseModel;
 pub use options::{Method, Options};
 pub use profile::{Flags, Measurement, Reject, Stripe};

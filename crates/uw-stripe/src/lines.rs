@@ -41,6 +41,8 @@ pub(crate) struct Lines {
     pub clip: Vec<Clip>,
     /// The background that was subtracted, DN; empty when none was.
     pub pedestal: Vec<f32>,
+    /// Light of other stripes that was subtracted, DN: known, but for the shot noise that it left; empty when none was.
+    pub light: Vec<f32>,
 }
 
 /// One line of [`Lines`].
@@ -49,17 +51,23 @@ pub(crate) struct Line<'a> {
     pub value: &'a [f32],
     pub clip: &'a [Clip],
     pedestal: &'a [f32],
+    light: &'a [f32],
 }
 
 impl<'a> Line<'a> {
     /// A line from which no background was subtracted.
     pub fn plain(value: &'a [f32], clip: &'a [Clip]) -> Self {
-        Self { value, clip, pedestal: &[] }
+        Self { value, clip, pedestal: &[], light: &[] }
     }
 
     /// What was subtracted from pixel `i`, DN.
     pub fn pedestal(&self, i: usize) -> f64 {
         self.pedestal.get(i).copied().map_or(0.0, f64::from)
+    }
+
+    /// Light of other stripes that was subtracted from pixel `i`, DN.
+    pub fn light(&self, i: usize) -> f64 {
+        self.light.get(i).copied().map_or(0.0, f64::from)
     }
 }
 
@@ -72,8 +80,9 @@ impl Lines {
     /// Line `i`, counted from the region's first.
     pub fn line(&self, i: usize) -> Line<'_> {
         let range = i * self.length..(i + 1) * self.length;
-        let pedestal = if self.pedestal.is_empty() { &[][..] } else { &self.pedestal[range.clone()] };
-        Line { value: &self.value[range.clone()], clip: &self.clip[range], pedestal }
+        let part = |all: &'_ [f32]| if all.is_empty() { 0..0 } else { range.clone() };
+        let (pedestal, light) = (&self.pedestal[part(&self.pedestal)], &self.light[part(&self.light)]);
+        Line { value: &self.value[range.clone()], clip: &self.clip[range.clone()], pedestal, light }
     }
 
     /// Fills the lines from a region that lies inside the image (and a background of the same size).
@@ -92,6 +101,7 @@ impl Lines {
         copy(image, roi, axis, &mut self.value);
         self.clip.clear();
         self.clip.extend(self.value.iter().map(|&v| Clip::of(v, full_scale_dn)));
+        self.light.clear();
         self.pedestal.clear();
         if let Some(background) = background {
             copy(background, roi, axis, &mut self.pedestal);

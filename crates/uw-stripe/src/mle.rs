@@ -6,11 +6,13 @@ use crate::noise::Residual;
 use crate::special::{mills, normal};
 
 mod dense;
+mod settle;
 pub(crate) mod surroundings;
 #[cfg(test)]
 mod tests;
 
 use dense::{Factor, MOST, Symmetric, by_size};
+pub(crate) use settle::{Seed, WINDOW, settle};
 
 /// Highest degree of the background's polynomial.
 const DEGREE: usize = 7;
@@ -244,8 +246,7 @@ impl<'a> Problem<'a> {
             prior_mean[LN_WIDTH] = w.ln_width;
             prior_weight[LN_WIDTH] = w.sigma.powi(-2);
         }
-        let (from, to, pivot) = (start.from, start.to, start.centre);
-        let noise = Weights::of(noise);
+        let (from, to, pivot, noise) = (start.from, start.to, start.centre, Weights::of(noise));
         let problem = Self { line, noise, from, to, size: STRAIGHT, pivot, unit, prior_mean, prior_weight };
         Some((problem, LEVEL + 1 + degree))
     }
@@ -324,7 +325,7 @@ impl<'a> Problem<'a> {
 
     fn term(&self, i: usize, signal: f64, value: f64) -> Term {
         let pedestal = self.line.pedestal(i);
-        let mut variance = self.noise.variance(value + pedestal, signal);
+        let mut variance = self.noise.variance(value + pedestal + self.line.light(i), signal);
         if pedestal > 0.0 {
             variance += self.noise.variance(pedestal, 0.0);
         }
@@ -436,7 +437,7 @@ impl<'a> Problem<'a> {
                     }
                     fit.freedom += freedom;
                     if let Some(residuals) = residuals.as_deref_mut() {
-                        let level = value + self.line.pedestal(i);
+                        let level = value + self.line.pedestal(i) + self.line.light(i);
                         let (signal, variance) = (profile.signal, t.variance);
                         residuals.push(Residual { level, signal, square, variance, freedom });
                     }

@@ -1,6 +1,7 @@
 //! What to extract and how to judge it.
 
 use crate::engine::Tracking;
+use crate::precise::several::MOST as MOST_STRIPES;
 use crate::{Axis, NoiseModel, Roi, StripeError};
 
 /// How the centre of the stripe is estimated.
@@ -14,21 +15,40 @@ pub enum Method {
     /// 1.2); a lopsided haze biases it by a tenth of a pixel and more, and a brighter glint wins.
     Fast,
     /// Two candidates a line and the neighbours' say in which is taken, the stripe followed behind what outshines it, the same filters, a
-    /// sloping background taken out; lines that are saturated, lopsided or of another width are refined as by `Precise`. As `Fast` in clear
-    /// water, 0.98 in haze (bias 0.002 px), no wrong peak among glints half as bright again. In speckle half of a centre of gravity's
-    /// scatter, but twice as much as its sigmas say.
+    /// sloping background taken out; lines that are saturated, lopsided or of another width are refined as by `Precise`. Where neighbours
+    /// show an edge of brightness, speckle or a bend, sigmas are widened and bends corrected as by `Precise`. As `Fast` in clear water,
+    /// 0.98 in haze (bias 0.002 px), no wrong peak among glints half as bright again.
+    #[default]
     Robust,
     /// Maximum likelihood of every line with a smooth background and free width, pixels at full scale as bounds, widths and noise from the
-    /// image itself. 1.00 to 1.04 in clear water, haze, saturation, and on steep stripes; sigmas that hold in speckle too.
-    #[default]
+    /// image itself: every result depends on its image alone. 1.00 to 1.04 in clear water, haze, saturation, and on steep stripes.
     Precise,
     /// Steger's ridge detector at the candidates of `Robust`, which pools along the stripe: for steep ones and those of low signal. 0.5 in
-    /// clear water and at low signal, 0.64 at slope 1.2, at the price of resolution along the stripe; haze biases it as `Fast`.
+    /// clear water and at low signal, 0.64 at slope 1.2, at the price of resolution along the stripe. What haze makes of it is taken back by
+    /// the mean difference from `Robust` along the stripe.
     Ridge,
     /// Centre of gravity of the strongest candidate, for comparison.
     Cog,
     /// Zero crossing of Blais and Rioux's filter at the strongest candidate, for comparison.
     BlaisRioux,
+}
+
+impl Method {
+    /// Every method, in the order of their declaration.
+    pub const ALL: [Self; 6] =
+        [Self::Fast, Self::Robust, Self::Precise, Self::Ridge, Self::Cog, Self::BlaisRioux];
+
+    /// Stable name for reports and command lines, in kebab case.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fast => "fast",
+            Self::Robust => "robust",
+            Self::Precise => "precise",
+            Self::Ridge => "ridge",
+            Self::Cog => "cog",
+            Self::BlaisRioux => "blais-rioux",
+        }
+    }
 }
 
 /// What to extract and how to judge it.
@@ -50,6 +70,8 @@ pub struct Options {
     pub width_px: Option<f32>,
     /// Looks only around the last image's positions; `None`: at all pixels of every image. Not with [`Method::Precise`].
     pub track: Option<Tracking>,
+    /// Stripes that [`Extractor::extract_all`](crate::Extractor::extract_all) looks for, 1 to 16.
+    pub stripes: usize,
     /// Pools positions along the stripe, under a Gaussian of this standard deviation in lines, against speckle and at the price of
     /// resolution; `None`: each line for itself.
     pub pool_lines: Option<f32>,
@@ -74,6 +96,7 @@ impl Default for Options {
             noise: None,
             width_px: None,
             track: None,
+            stripes: 1,
             pool_lines: None,
             full_scale_dn: None,
             min_snr: 5.0,
@@ -104,6 +127,10 @@ impl Options {
         }
         if let Some(track) = self.track {
             positive("full_every", track.full_every as f32)?;
+        }
+        if !(1..=MOST_STRIPES).contains(&self.stripes) {
+            let got = self.stripes as f64;
+            return Err(StripeError::InvalidOption { name: "stripes", needed: "from 1 to 16", got });
         }
         if let Some(full_scale) = self.full_scale_dn {
             positive("full_scale_dn", full_scale)?;

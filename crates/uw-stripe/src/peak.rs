@@ -34,6 +34,34 @@ impl Candidates {
         &self.items[..self.len]
     }
 
+    /// The same with those within `reach` px of a stronger one taken as parts of it.
+    pub fn gathered(&self, reach: f64) -> Self {
+        if reach <= 0.0 || self.len < 2 {
+            return *self;
+        }
+        let mut wholes = [Candidate::default(); KEPT];
+        let (mut moments, mut count) = ([0.0; KEPT], 0);
+        for part in self.as_slice() {
+            let moment = f64::from(part.flux) * part.centre as f64;
+            // The strongest of each whole came first.
+            let whole = (0..count).find(|k| wholes[*k].centre.abs_diff(part.centre) as f64 <= reach);
+            if let Some(k) = whole {
+                wholes[k].flux += part.flux;
+                wholes[k].scale = wholes[k].scale.max(reach as usize);
+                moments[k] += moment;
+            } else {
+                (wholes[count], moments[count]) = (*part, moment);
+                count += 1;
+            }
+        }
+        let mut out = Self::default();
+        for (mut whole, moment) in wholes.into_iter().zip(moments).take(count) {
+            whole.centre = (moment / f64::from(whole.flux)).round() as usize;
+            out.push(whole);
+        }
+        out
+    }
+
     pub fn push(&mut self, c: Candidate) {
         let at = self.as_slice().iter().position(|o| c.flux > o.flux).unwrap_or(self.len);
         if at < KEPT {
@@ -72,6 +100,20 @@ impl Search {
         widest: usize,
         least_snr: f32,
     ) -> Candidates {
+        let mut found = Candidates::default();
+        self.each(line, noise, widest, least_snr, |c| found.push(c));
+        found
+    }
+
+    /// The same, every one of them.
+    pub fn each(
+        &mut self,
+        line: Line<'_>,
+        noise: &NoiseModel,
+        widest: usize,
+        least_snr: f32,
+        mut found: impl FnMut(Candidate),
+    ) {
         let n = line.value.len();
         self.sums.clear();
         self.sums.push(0.0);
@@ -93,7 +135,6 @@ impl Search {
             half *= 2;
         }
         self.hits.sort_unstable();
-        let mut found = Candidates::default();
         for &i in &self.hits {
             let c = self.best[i];
             // The peak of its own box's reach, and of the reach of any wider box that covers it.
@@ -101,15 +142,14 @@ impl Search {
             let rival = |j: usize| self.best[j].snr.total_cmp(&c.snr).then(i.cmp(&j)).is_gt();
             if !(i.saturating_sub(reach)..(i + reach + 1).min(n)).any(rival) {
                 match split(line, noise, &c) {
-                    Some(pair) => pair.into_iter().for_each(|c| found.push(c)),
-                    None => found.push(c),
+                    Some(pair) => pair.into_iter().for_each(&mut found),
+                    None => found(c),
                 }
             }
         }
         for i in self.hits.drain(..) {
             self.best[i] = Candidate::default();
         }
-        found
     }
 
     fn scan(&mut self, line: Line<'_>, noise: &NoiseModel, half: usize, least_snr: f32) {

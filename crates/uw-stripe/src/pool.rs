@@ -14,6 +14,8 @@ const REACH: f64 = 3.0;
 const DOUBT: f64 = 2.0;
 /// Lags, in lines, at which neighbouring errors are looked at.
 const LAGS: usize = 3;
+/// Least excess that is believed: an image without any noise does not make centres without any.
+const LEAST_EXCESS: f64 = 0.01;
 /// Differences that make a figure of the scatter.
 const LEAST: usize = 30;
 
@@ -105,7 +107,7 @@ impl Pool {
             let variance = kept().sum::<f64>() / kept().count().max(1) as f64;
             if spacing == LAGS {
                 // Against a grain longer than that nothing is known.
-                (covariance[0], out.excess) = (variance, variance);
+                (covariance[0], out.excess) = (variance, variance.max(LEAST_EXCESS));
                 continue;
             }
             let rest = 12.0 * covariance[2 * spacing] - 2.0 * covariance[3 * spacing];

@@ -1,14 +1,20 @@
 //! Maximum likelihood of every line: image → lines → candidates → track → fits → verdicts.
 
 use crate::bend::unbend;
+use crate::edges::Edges;
 use crate::lines::{Clip, Line, Lines};
-use crate::mle::{self, Fit, Start, WidthPrior};
+use crate::mle::{self, Fit, Seed, WidthPrior};
 use crate::noise::{self, Residual};
 use crate::peak::{Candidate, Candidates, Search};
 use crate::profile::{Flags, Reject, Stripe};
+use crate::scatter::{Centre, Scatter};
 use crate::track::Tracker;
-use crate::verdict::{self, run_reach};
+use crate::verdict;
 use crate::{NoiseModel, Options, Pixel, StripeError, View};
+
+pub(crate) mod several;
+mod stack;
+mod train;
 
 /// Signal-to-noise ratio of a candidate worth a fit; the verdict falls on the fitted flux.
 const CANDIDATE_SNR: f32 = 4.0;
@@ -16,31 +22,17 @@ const CANDIDATE_SNR: f32 = 4.0;
 const FIRST_LOOK_SNR: f32 = 8.0;
 /// Narrowest believable width, px: a point through a perfect lens still covers the pixel it falls on.
 const NARROWEST_PX: f64 = 0.25;
-/// Half a fit's window, in widths plus pixels: the further it reaches, the less does a background cost the centre.
-pub(crate) const WINDOW: (f64, f64) = (8.0, 1.0);
-/// Change of ln flux a line that counts as an albedo edge: at least this, and this many times the image's usual change.
-const FLUX_STEP: (f64, f64) = (0.15, 4.0);
-/// Lines within which two levels of flux count as an albedo edge's sides, their least ratio, and the ratio within which
-/// a flux belongs to one of them (speckle alone scatters it by a quarter).
-const LEVELS_REACH: usize = 12;
-const LEVELS_APART: f64 = 3.0;
-const LEVEL_MARGIN: f64 = 1.5;
-/// Sigma, in widths, of the shift by an edge that the stripe runs along: a Gaussian cut at its middle has its mean at
-/// 0.8 widths, and half of the width is the lens's.
-const LEAN_BETWEEN_LEVELS: f64 = 0.4;
-/// Within two lines of a stripe's end, the share of the flux further in below which only part of the beam met the surface.
-const PARTIAL: f64 = 0.5;
 /// Largest sigma in widths: beyond it there is no telling a stripe from the background's texture.
 const LARGEST_SIGMA_IN_WIDTHS: f64 = 0.25;
 /// A run needs as many members as [`verdict::LEAST_RUN`] with this many times the least signal-to-noise ratio.
 const STRONG: f64 = 2.0;
-/// Lines fitted for the estimate of noise and width; spread over the image.
-const TRAINING_LINES: usize = 400;
-/// Flux over its sigma from which a width is worth averaging, and where no line shows as much.
-const CLEAR: f64 = 15.0;
-const FAINT: f64 = 5.0;
-/// Measurements below which the noise stays as guessed.
-const LEAST_TRAINING: usize = 12;
+
+/// The candidate that a line's fit started from, and the strongest other one's light by its own; 0: none.
+#[derive(Debug, Clone, Copy)]
+struct Taken {
+    candidate: Candidate,
+    rival: f32,
+}
 
 /// The likelihood path with its buffers; keeps nothing else from image to image, so that a result depends on its image alone.
 #[derive(Debug)]
@@ -51,6 +43,7 @@ pub(crate) struct Precise {
     candidates: Vec<Candidates>,
     tracker: Tracker,
     choice: Vec<Option<usize>>,
+    taken: Vec<Option<Taken>>,
     fits: Vec<Option<Fit>>,
     shapes: Vec<Option<mle::surroundings::Shape>>,
     residuals: Vec<Residual>,
@@ -59,9 +52,12 @@ pub(crate) struct Precise {
     keep: Vec<bool>,
     snr: Vec<f64>,
     partial: Vec<usize>,
-    /// Scatter by speckle, in widths, and the usual change of ln flux a line, of the image at hand.
+    edges: Edges,
+    scatter: Scatter,
+    /// Distance, px, within which candidates are grains of one stripe; 0: none are.
+    grain_reach: f64,
+    /// Scatter by speckle, in widths, of the image at hand.
     speckle: f64,
-    usual_step: f64,
     stripe: Stripe,
 }
 
@@ -75,6 +71,7 @@ impl Precise {
             candidates: Vec::new(),
             tracker: Tracker::default(),
             choice: Vec::new(),
+            taken: Vec::new(),
             fits: Vec::new(),
             shapes: Vec::new(),
             residuals: Vec::new(),
@@ -83,8 +80,10 @@ impl Precise {
             keep: Vec::new(),
             snr: Vec::new(),
             partial: Vec::new(),
+            edges: Edges::default(),
+            scatter: Scatter::default(),
+            grain_reach: 0.0,
             speckle: 0.0,
-            usual_step: 0.0,
             stripe: Stripe::empty(),
         }
     }
@@ -100,11 +99,25 @@ impl Precise {
         background: Option<View<'_, P>>,
         out: &mut Stripe,
     ) -> Result<(), StripeError> {
-        let full_scale = self.load(&image, background.as_ref())?;
-        let (noise, width) = match self.options.noise {
+        let (noise, width) = self.prepare(&image, background.as_ref())?;
+        self.stripe.reset(self.options.axis, self.options.axis.lines(image.width(), image.height()));
+        self.stripe.noise = noise;
+        self.measure(&noise, width);
+        std::mem::swap(&mut self.stripe, out);
+        Ok(())
+    }
+
+    /// Loads the image, learns its noise and the stripe's width, and finds the candidates.
+    fn prepare<P: Pixel>(
+        &mut self,
+        image: &View<'_, P>,
+        background: Option<&View<'_, P>>,
+    ) -> Result<(NoiseModel, Option<WidthPrior>), StripeError> {
+        let full_scale = self.load(image, background)?;
+        Ok(match self.options.noise {
             Some(noise) => {
                 self.find(&noise, CANDIDATE_SNR);
-                let (seen, width) = self.train(noise, full_scale, CLEAR);
+                let (seen, width) = self.train(noise, full_scale, train::CLEAR);
                 if seen != noise {
                     // Grains passed for candidates.
                     self.find(&seen, CANDIDATE_SNR);
@@ -114,57 +127,11 @@ impl Precise {
             None => {
                 let first = self.first_noise(full_scale);
                 self.find(&first, FIRST_LOOK_SNR);
-                let (noise, width) = self.train(first, full_scale, CLEAR);
+                let (noise, width) = self.train(first, full_scale, train::CLEAR);
                 self.find(&noise, CANDIDATE_SNR);
                 (noise, width)
             }
-        };
-        self.stripe.reset(self.options.axis, self.options.axis.lines(image.width(), image.height()));
-        self.stripe.noise = noise;
-        self.measure(&noise, width);
-        std::mem::swap(&mut self.stripe, out);
-        Ok(())
-    }
-
-    /// Noise and width of the stripe, px, from one image; `None` where it holds too little of one.
-    pub fn learn<P: Pixel>(&mut self, image: View<'_, P>) -> Result<Option<(NoiseModel, f64)>, StripeError> {
-        let full_scale = self.load(&image, None)?;
-        let first = self.options.noise.unwrap_or_else(|| self.first_noise(full_scale));
-        self.find(&first, FIRST_LOOK_SNR);
-        let mut learned = self.train(first, full_scale, CLEAR);
-        if learned.1.is_none() {
-            learned = self.train(first, full_scale, FAINT);
-        }
-        let (noise, width) = learned;
-        Ok(width.map(|w| (noise, w.ln_width.exp())))
-    }
-
-    /// The noise estimated from several images of one camera together: steadier than from each alone.
-    ///
-    /// # Errors
-    /// As [`Extractor::extract`], and [`StripeError::TooFewForNoise`] when the images hold too little of a stripe.
-    pub fn estimate_noise<'a, P: Pixel>(
-        &mut self,
-        images: impl IntoIterator<Item = View<'a, P>>,
-    ) -> Result<NoiseModel, StripeError> {
-        let (mut pooled, mut full_scale, mut got) = (Vec::new(), 0.0f32, 0);
-        let mut last = None;
-        for image in images {
-            let full = self.load(&image, None)?;
-            full_scale = full_scale.max(full);
-            let first = self.first_noise(full);
-            self.find(&first, FIRST_LOOK_SNR);
-            let (model, _) = self.train(first, full, CLEAR);
-            got += self.widths.len();
-            pooled.append(&mut self.residuals);
-            last = Some(model);
-        }
-        match last {
-            Some(model) if got >= LEAST_TRAINING => {
-                Ok(noise::photon_transfer(&pooled, &NoiseModel { full_scale_dn: full_scale, ..model }))
-            }
-            _ => Err(StripeError::TooFewForNoise { needed: LEAST_TRAINING, got }),
-        }
+        })
     }
 
     /// Checks and loads the image; gives the clipping value.
@@ -190,14 +157,8 @@ impl Precise {
                 noise::full_scale(P::MAX_DN, rows.map(row).fold(0.0, f32::max))
             });
         self.lines.load(image, background, roi, self.options.axis, full_scale);
+        self.grain_reach = 0.0;
         Ok(full_scale)
-    }
-
-    fn first_noise(&mut self, full_scale: f32) -> NoiseModel {
-        let start = NoiseModel::start(full_scale);
-        let seen = noise::background_noise(&self.lines, &mut self.scratch);
-        // A floor that clips the dark shows no noise there; the guess stands in until the fits tell.
-        NoiseModel { read_noise_dn: if seen > 0.0 { seen } else { start.read_noise_dn }, ..start }
     }
 
     /// Candidates of every line, and the choice among them.
@@ -206,68 +167,37 @@ impl Precise {
         let widest = (3.0 * self.options.max_width_px).ceil() as usize;
         self.candidates.clear();
         for i in 0..self.lines.count() {
-            self.candidates.push(self.search.candidates(self.lines.line(i), noise, widest, least_snr));
+            let found = self.search.candidates(self.lines.line(i), noise, widest, least_snr);
+            self.candidates.push(found.gathered(self.grain_reach));
         }
         self.tracker.choose(&self.candidates, &mut self.choice);
-    }
-
-    /// Noise and typical width from the fits of lines spread over the image.
-    fn train(&mut self, first: NoiseModel, full_scale: f32, clear: f64) -> (NoiseModel, Option<WidthPrior>) {
-        /// Rounds: the weights of the fits follow the noise that the last round found.
-        const ROUNDS: usize = 3;
-        /// A fit this many times worse than the median is not noise but another shape.
-        const OUTLIER: f64 = 4.0;
-        let (mut noise, mut explained) = (NoiseModel { full_scale_dn: full_scale, ..first }, true);
-        let used = self.choice.iter().flatten().count();
-        let step = used.div_ceil(TRAINING_LINES).max(1);
-        for _ in 0..ROUNDS {
-            self.residuals.clear();
-            self.widths.clear();
-            let mut fits: Vec<(f64, Vec<Residual>, f64)> = Vec::new();
-            for (i, k) in self.choice.iter().enumerate().filter_map(|(i, k)| k.map(|k| (i, k))).step_by(step)
-            {
-                let line = self.lines.line(i);
-                let mut residuals = Vec::new();
-                let fit = refine(line, &noise, &self.candidates[i], k, None, Some(&mut residuals));
-                let Some(fit) =
-                    fit.filter(|f| f.converged && f.saturated == 0 && f.flux > clear * f.sigma_flux)
-                else {
-                    continue;
-                };
-                if fit.freedom > 1.0 && fit.width < f64::from(self.options.max_width_px) {
-                    fits.push((fit.chi2 / fit.freedom, residuals, fit.width.ln()));
-                }
-            }
-            if fits.len() < LEAST_TRAINING {
-                return (noise, None);
-            }
-            let mut order: Vec<f64> = fits.iter().map(|f| f.0).collect();
-            let limit = OUTLIER * median(&mut order);
-            for (_, residuals, ln_width) in fits.into_iter().filter(|f| f.0 <= limit) {
-                self.residuals.extend(residuals);
-                self.widths.push(ln_width);
-            }
-            explained = explained && noise::explains(&self.residuals, &noise);
-            noise = match self.options.noise {
-                None => noise::photon_transfer(&self.residuals, &noise),
-                // Frames that tell a camera's noise do not tell the surface's speckle.
-                Some(given) if given.speckle_contrast > 0.0 || explained => break,
-                Some(_) => noise::photon_transfer(&self.residuals, &noise),
-            };
-        }
-        (noise, width_prior(&mut self.widths))
     }
 
     /// Fits, judges and writes the result.
     fn measure(&mut self, noise: &NoiseModel, prior: Option<WidthPrior>) {
         self.fits.clear();
+        self.taken.clear();
         for (i, k) in self.choice.iter().enumerate() {
-            let line = self.lines.line(i);
-            self.fits.push(k.and_then(|k| refine(line, noise, &self.candidates[i], k, prior, None)));
+            let (line, candidates) = (self.lines.line(i), self.candidates[i].as_slice());
+            self.fits.push(k.and_then(|k| refine(line, noise, candidates, k, prior, None)));
+            self.taken.push(k.map(|k| {
+                let other = candidates.iter().enumerate().find(|(j, _)| *j != k);
+                let rival = other.map_or(0.0, |(_, c)| c.flux / candidates[k].flux);
+                Taken { candidate: candidates[k], rival }
+            }));
         }
+        self.verdicts();
+    }
+
+    /// Judges the fits, each for itself and with its neighbours, and writes the result.
+    fn verdicts(&mut self) {
         mle::surroundings::share(&mut self.fits, &mut self.shapes);
-        self.usual_step = self.usual_step();
-        self.speckle = self.speckle();
+        self.edges.load(self.fits.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.flux)));
+        let Self { fits, edges, scatter, .. } = self;
+        self.speckle = scatter.of(fits.iter().enumerate().map(|(i, fit)| {
+            let told = fit.as_ref().filter(|f| f.converged && f.saturated == 0 && edges.smooth(i));
+            told.map(|f| Centre { position: f.centre, sigma: f.sigma, width: f.width })
+        }));
         self.stripe.scatter_widths = self.speckle as f32;
         self.snr.clear();
         self.snr.resize(self.fits.len(), 0.0);
@@ -278,15 +208,7 @@ impl Precise {
         let strong = |i: usize| self.snr[i] >= STRONG * f64::from(self.options.min_snr);
         verdict::drop_lonely(&mut self.stripe, lines.clone(), strong, &mut self.keep);
         // All ends first, then out with them, lest an end be eaten up line by line.
-        let reach = |i: usize| run_reach(self.stripe.width_px[i]);
-        let mut partial = std::mem::take(&mut self.partial);
-        partial.clear();
-        partial
-            .extend(lines.clone().filter(|&i| self.stripe.reject[i].is_none() && self.partial(i, reach(i))));
-        for &i in &partial {
-            self.stripe.drop_line(i, Reject::Edge);
-        }
-        self.partial = partial;
+        self.edges.drop_partial(&mut self.stripe, lines.clone(), &mut self.partial);
         unbend(&mut self.stripe, lines);
     }
 
@@ -294,27 +216,17 @@ impl Precise {
     fn judge(&mut self, i: usize) {
         let o = &self.options;
         let out = i + self.lines.first_line;
-        let Some(k) = self.choice[i] else {
+        let Some(Taken { candidate: taken, rival }) = self.taken[i] else {
             self.stripe.reject[out] = Some(Reject::NoSignal);
             return;
         };
-        let candidates = self.candidates[i].as_slice();
-        let taken = candidates[k];
-        let rival =
-            candidates.iter().enumerate().find(|(j, _)| *j != k).map_or(0.0, |(_, c)| c.flux / taken.flux);
         let Some(fit) = self.fits[i] else {
             self.stripe.reject[out] = Some(Reject::NotConverged);
             return;
         };
         let scale = verdict::chi2_scale(&fit);
-        let step = self.flux_step(i);
-        let edge = step > self.edge_step();
-        // Light of which the surface sends back more on one side moves the centre by width² · d ln(albedo)/dx. The change
-        // across is not seen; along the stripe it is, and an edge may run either way. About half the width is the lens's,
-        // which moves nothing.
-        let along = if edge { 0.5 * fit.width * fit.width * step.min(1.0 / fit.width) } else { 0.0 };
-        let between = self.between_levels(i);
-        let lean = if between { along.max(LEAN_BETWEEN_LEVELS * fit.width) } else { along };
+        let edge = self.edges.lean(i, fit.width);
+        let lean = edge.unwrap_or(0.0);
         let sigma = (fit.sigma.powi(2) * scale + (self.speckle * fit.width).powi(2) + lean * lean).sqrt();
         let mut flags = verdict::flags(&fit);
         let mut set = |flag, on| flags |= if on { flag } else { Flags::NONE };
@@ -324,10 +236,11 @@ impl Precise {
             Flags::BORDER,
             fit.centre - 3.0 * fit.width < -0.5 || fit.centre + 3.0 * fit.width > length - 0.5,
         );
-        set(Flags::EDGE, edge || between);
+        set(Flags::EDGE, edge.is_some());
         let reach = taken.scale as f64 + 2.0 * fit.width;
-        let level = fit.background.max(0.0) + self.lines.line(i).pedestal(taken.centre);
-        let texture = texture(self.lines.line(i), &fit, &mut self.scratch);
+        let line = self.lines.line(i);
+        let level = fit.background.max(0.0) + line.pedestal(taken.centre) + line.light(taken.centre);
+        let texture = texture(line, &fit, &mut self.scratch);
         let pixel = self.stripe.noise.variance(level, 0.0).max(texture * texture);
         let snr = verdict::snr(&fit, pixel);
         self.snr[i] = snr;
@@ -360,162 +273,27 @@ impl Precise {
         s.sigma_px[out] = sigma as f32;
         verdict::write(s, out, &fit);
     }
-
-    /// Flux of the fit on a line of the region, if there is one.
-    fn flux(&self, line: Option<usize>) -> Option<f64> {
-        self.fits.get(line?)?.as_ref().map(|f| f.flux)
-    }
-
-    /// Largest change of ln flux a line, over two lines to either side; 0 without neighbours.
-    fn flux_step(&self, i: usize) -> f64 {
-        const REACH: usize = 2;
-        let Some(here) = self.flux(Some(i)) else { return 0.0 };
-        let change = |j| self.flux(j).map_or(0.0, |f| (f / here).ln().abs() / REACH as f64);
-        change(i.checked_sub(REACH)).max(change(Some(i + REACH)))
-    }
-
-    /// Change of ln flux a line that counts as an edge in the image at hand.
-    fn edge_step(&self) -> f64 {
-        FLUX_STEP.0.max(FLUX_STEP.1 * self.usual_step)
-    }
-
-    /// True where the flux lies well between two levels that the stripe has nearby: it runs along an albedo edge, which
-    /// shifts its centre without any sudden change.
-    fn between_levels(&self, i: usize) -> bool {
-        let Some(here) = self.flux(Some(i)) else { return false };
-        let nearby = i.saturating_sub(LEVELS_REACH)..(i + LEVELS_REACH + 1).min(self.fits.len());
-        let (low, high) = nearby
-            .filter_map(|j| self.flux(Some(j)))
-            .fold((f64::INFINITY, 0.0f64), |(low, high), f| (low.min(f), high.max(f)));
-        high > LEVELS_APART * low && here > LEVEL_MARGIN * low && here * LEVEL_MARGIN < high
-    }
-
-    /// True at the end of a run where its light falls off: the beam's other part went past the surface. `line` is the
-    /// image's, `reach` the longest step a line within a run, px.
-    fn partial(&self, line: usize, reach: f32) -> bool {
-        let here = self.stripe.position_px[line];
-        let flux = |j: usize| self.flux(j.checked_sub(self.lines.first_line)).unwrap_or(0.0);
-        // NaN, a line without a position, is never near.
-        let inside = |j: Option<usize>, gap: f32| {
-            let near =
-                |j: &usize| self.stripe.position_px.get(*j).is_some_and(|p| (p - here).abs() <= gap * reach);
-            j.filter(near).map(flux)
-        };
-        let pair = |a, b| Some(inside(a, 1.0)?.max(inside(b, 2.0)?));
-        let before = pair(line.checked_sub(1), line.checked_sub(2));
-        match (before, pair(Some(line + 1), Some(line + 2))) {
-            (Some(inside), None) | (None, Some(inside)) => flux(line) < PARTIAL * inside,
-            _ => false,
-        }
-    }
-
-    /// Scatter of the centres along the stripe beyond the fits' own sigmas, in widths: what speckle (whose grains the
-    /// lens spreads over several pixels, so that residuals hardly show it) does to a centre.
-    ///
-    /// Third differences at a spacing of two lines, in which slope and curvature of the surface and the grains' extent
-    /// along the stripe drop out; the factor is the one that brings their median to that of a normal distribution.
-    fn speckle(&self) -> f64 {
-        /// Squares of the third difference's coefficients 1, −3, 3, −1.
-        const WEIGHTS: [f64; 4] = [1.0, 9.0, 9.0, 1.0];
-        const SPACING: usize = 2;
-        /// Median of |N(0, 1)|.
-        const MEDIAN_ABS: f64 = 0.6745;
-        /// Differences below which the scatter is not known, and the excess in its own sigmas that counts.
-        const LEAST: usize = 20;
-        const SIGNIFICANT: f64 = 2.0;
-        /// Halvings of the interval [0, 1] widths.
-        const HALVINGS: usize = 20;
-        let smooth: Vec<bool> = (0..self.fits.len())
-            .map(|i| self.fits[i].is_some() && self.flux_step(i) <= self.edge_step())
-            .collect();
-        let mut differences = Vec::new();
-        for i in 0..self.fits.len().saturating_sub(3 * SPACING) {
-            let at =
-                [0, 1, 2, 3].map(|k| self.fits[i + k * SPACING].filter(|f| f.converged && f.saturated == 0));
-            let [Some(a), Some(b), Some(c), Some(d)] = at else { continue };
-            let four = [a, b, c, d];
-            let close = four
-                .windows(2)
-                .all(|p| (p[0].centre - p[1].centre).abs() < SPACING as f64 * f64::from(run_reach(0.0)));
-            if close && smooth[i..=i + 3 * SPACING].iter().all(|s| *s) {
-                let difference = a.centre - 3.0 * b.centre + 3.0 * c.centre - d.centre;
-                let sum =
-                    |value: fn(&Fit) -> f64| four.iter().zip(WEIGHTS).map(|(f, w)| w * value(f)).sum::<f64>();
-                differences.push((difference, sum(|f| f.sigma * f.sigma), sum(|f| f.width * f.width)));
-            }
-        }
-        let count = differences.len();
-        if count < LEAST {
-            return 0.0;
-        }
-        let ratio = |k: f64| {
-            let mut r: Vec<f64> =
-                differences.iter().map(|(d, s, w)| d.abs() / (s + k * k * w).sqrt()).collect();
-            median(&mut r) / MEDIAN_ABS
-        };
-        // The relative sigma of a median absolute deviation is 1.17 / √(2 n) for n independent ones; four share a centre.
-        if ratio(0.0) < 1.0 + SIGNIFICANT * 1.17 * (2.0 / count as f64).sqrt() {
-            return 0.0;
-        }
-        let (mut low, mut high) = (0.0, 1.0);
-        for _ in 0..HALVINGS {
-            let middle = 0.5 * (low + high);
-            if ratio(middle) > 1.0 { low = middle } else { high = middle }
-        }
-        0.5 * (low + high)
-    }
-
-    /// Median change of ln flux a line: texture and speckle of the surface at hand.
-    fn usual_step(&self) -> f64 {
-        let mut steps: Vec<f64> =
-            (0..self.fits.len()).map(|i| self.flux_step(i)).filter(|s| *s > 0.0).collect();
-        median(&mut steps)
-    }
 }
 
 /// Fit of candidate `k` of a line, its window adapted to the width found.
 fn refine(
     line: Line<'_>,
     noise: &NoiseModel,
-    candidates: &Candidates,
+    candidates: &[Candidate],
     k: usize,
     prior: Option<WidthPrior>,
-    mut residuals: Option<&mut Vec<Residual>>,
+    residuals: Option<&mut Vec<Residual>>,
 ) -> Option<Fit> {
-    /// Fits with the window of the one before.
-    const ROUNDS: usize = 3;
-    /// Ratio of window wanted to window used within which the fit stands.
-    const WINDOW_FITS: std::ops::Range<f64> = 0.75..1.34;
-    let taken = *candidates.as_slice().get(k)?;
-    let (centre, mut width) = shape(line, &taken, prior);
-    let mut start = Start {
+    let taken = *candidates.get(k)?;
+    let (centre, width) = shape(line, &taken, prior);
+    let start = Seed {
         centre,
         width,
         flux: f64::from(taken.flux.max(f32::MIN_POSITIVE)),
         background: f64::from(taken.background),
-        from: 0,
-        to: 0,
     };
-    let mut best = None;
-    for _ in 0..ROUNDS {
-        let half = WINDOW.0 * width + WINDOW.1;
-        (start.from, start.to) = window(start.centre, half, candidates, k, line.value.len());
-        if let Some(r) = residuals.as_deref_mut() {
-            r.clear();
-        }
-        let Some(fit) = mle::fit(line, noise, start, prior, residuals.as_deref_mut()) else { break };
-        best = Some(fit);
-        let wanted = WINDOW.0 * fit.width + WINDOW.1;
-        // A fit that ran out of its window is judged as it is.
-        if WINDOW_FITS.contains(&(wanted / half))
-            || !(start.from as f64..start.to as f64).contains(&fit.centre)
-        {
-            break;
-        }
-        width = fit.width;
-        start = Start { centre: fit.centre, width, flux: fit.flux, background: fit.background, ..start };
-    }
-    best
+    let window = |centre, half| window(centre, half, candidates, k, line.value.len());
+    mle::settle(line, noise, start, prior, residuals, window)
 }
 
 /// Scatter of the line around a stripe, DN: what haze adds to the camera's noise. 0 without enough pixels.
@@ -543,10 +321,10 @@ fn texture(line: Line<'_>, fit: &Fit, values: &mut Vec<f32>) -> f64 {
 }
 
 /// Pixels within `half` of the centre, stopped midway to the next candidate on either side.
-fn window(centre: f64, half: f64, candidates: &Candidates, k: usize, length: usize) -> (usize, usize) {
+fn window(centre: f64, half: f64, candidates: &[Candidate], k: usize, length: usize) -> (usize, usize) {
     let (mut low, mut high) = (centre - half, centre + half);
-    let own = candidates.as_slice()[k];
-    for other in candidates.as_slice().iter().filter(|c| c.centre != own.centre) {
+    let own = candidates[k];
+    for other in candidates.iter().filter(|c| c.centre != own.centre) {
         let middle = 0.5 * (other.centre + own.centre) as f64;
         if other.centre < own.centre {
             low = low.max(middle);
@@ -581,20 +359,6 @@ fn shape(line: Line<'_>, c: &Candidate, prior: Option<WidthPrior>) -> (f64, f64)
     // A clipped plateau is flatter than the stripe below it.
     let width = if clipped > 0 { width.min(0.5 * clipped as f64 + 0.5) } else { width };
     (c.centre as f64 + mean, width)
-}
-
-/// Median and robust spread of ln width, the spread widened so that a weak prior results.
-fn width_prior(ln_widths: &mut [f64]) -> Option<WidthPrior> {
-    /// Widths change along a stripe by focus and slope; the sample may not show by how much.
-    const LEAST_SIGMA: f64 = 0.25;
-    /// MAD to sigma, doubled.
-    const SPREAD: f64 = 2.0 * 1.4826;
-    if ln_widths.len() < LEAST_TRAINING {
-        return None;
-    }
-    let ln_width = median(ln_widths);
-    let mut off: Vec<f64> = ln_widths.iter().map(|w| (w - ln_width).abs()).collect();
-    Some(WidthPrior { ln_width, sigma: (SPREAD * median(&mut off)).max(LEAST_SIGMA) })
 }
 
 /// Upper median; 0 for an empty slice.

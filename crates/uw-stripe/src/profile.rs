@@ -80,13 +80,15 @@ pub enum Reject {
     NotConverged,
     /// The predicted sigma exceeds [`max_sigma_px`](crate::Options::max_sigma_px).
     Imprecise,
+    /// Another stripe lies so near that the two centres are not told apart ([`Extractor::extract_all`](crate::Extractor::extract_all)).
+    Merged,
     /// The line cuts a bend of the stripe so steeply that blur moves the centre by more than can be corrected.
     Bent,
 }
 
 impl Reject {
     /// Every reason, in the order of their declaration.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::OutsideRoi,
         Self::NoSignal,
         Self::BelowThreshold,
@@ -98,6 +100,7 @@ impl Reject {
         Self::Inconsistent,
         Self::NotConverged,
         Self::Imprecise,
+        Self::Merged,
         Self::Bent,
     ];
 
@@ -115,6 +118,7 @@ impl Reject {
             Self::Inconsistent => "inconsistent",
             Self::NotConverged => "not_converged",
             Self::Imprecise => "imprecise",
+            Self::Merged => "merged",
             Self::Bent => "bent",
         }
     }
@@ -138,7 +142,21 @@ pub struct Measurement {
 /// The stripe in one image: one entry a line of the whole image in every array.
 ///
 /// `position_px[i]` is NaN exactly where `reject[i]` is a reason. The other arrays keep what was measured up to the
-/// rejection, and are NaN where nothing was.
+/// rejection, and are NaN where nothing was. Every method gives position, sigma, height and background; of the rest:
+///
+/// | | `Fast`, `Cog`, `BlaisRioux` | `Robust`, and `Ridge` from it | `Precise`, and [`Extractor::extract_all`](crate::Extractor::extract_all) |
+/// |---|---|---|---|
+/// | `width_px` | that of the filters | measured | measured |
+/// | `chi2` | NaN | of two shapes that filters lack; of the fit, where a line was refined | of the fit |
+/// | `rival_ratio` | NaN | of the second candidate's height | of the next candidate's light |
+/// | `scatter_widths` | 0 | measured | measured |
+/// | [`Flags::SATURATED`] | flagged, not corrected | corrected by refinement | corrected |
+/// | [`Flags::SEVERAL_PEAKS`], [`Flags::EDGE`] | never | yes | yes |
+/// | [`Flags::NOT_CONVERGED`], [`Flags::POOR_FIT`] | never | of refined lines | yes |
+/// | [`Flags::BORDER`] | yes | yes | yes |
+/// | [`Flags::TRACK_LOST`] | where tracked | where tracked | never |
+///
+/// `Ridge` replaces position, sigma, height and background by its own.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stripe {
     /// Direction of the lines.
@@ -154,9 +172,9 @@ pub struct Stripe {
     /// Background under the centre (of the difference image, if a background was subtracted), DN.
     pub background: Vec<f32>,
     /// Chi-square of the fit by its degrees of freedom; where filters were enough, over two shapes that they lack: a sloping background and
-    /// another width. NaN: not measured, as by [`Method::Fast`](crate::Method::Fast).
+    /// another width. NaN: not measured.
     pub chi2: Vec<f32>,
-    /// Strength of the strongest other peak of the line by that of the one taken; 0: no other; NaN: not looked for.
+    /// Strength of the strongest other peak of the line by that of the one taken, as seen above the noise; 0: no other; NaN: not looked for.
     pub rival_ratio: Vec<f32>,
     /// Notes on each measurement.
     pub flags: Vec<Flags>,

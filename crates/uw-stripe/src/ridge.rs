@@ -11,6 +11,8 @@
 
 use crate::{Axis, NoiseModel, Pixel, View};
 
+mod onto;
+
 /// Half a kernel in its sigmas; what is beyond is 1 % of a second derivative.
 const REACH: f64 = 3.0;
 /// Narrowest and widest kernel, px: below, samples a pixel apart no longer make derivatives.
@@ -32,6 +34,8 @@ const SHOT: f64 = 0.544_331;
 const SPECKLE: f64 = 0.353_553;
 /// Half-length, in kernel sigmas, of the fit that tells the bend.
 const BEND_REACH: f64 = 2.5;
+/// Standard deviation of a bend's correction, as a share of it: what the second order leaves.
+const UNSURE: f64 = 0.5;
 
 /// A point of the ridge on a line; positions in pixels of the whole image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,6 +62,7 @@ pub(crate) struct Ridge {
     /// Noise after a bend's correction by that before.
     gain: f64,
     first: Vec<Option<RidgePoint>>,
+    onto: onto::Onto,
 }
 
 impl Ridge {
@@ -100,7 +105,14 @@ impl Ridge {
         };
         let kernels =
             [scaled(smooth, unit), scaled(slope, unit / sigma), scaled(bend, unit / (sigma * sigma))];
-        Self { sigma, half, kernels, gain: straightening_gain(sigma), first: Vec::new() }
+        Self {
+            sigma,
+            half,
+            kernels,
+            gain: straightening_gain(sigma),
+            first: Vec::new(),
+            onto: onto::Onto::default(),
+        }
     }
 
     /// Whether the kernel at `line` lies on the image's `lines`: beyond them a steep stripe does not go on, whatever is put there.
@@ -299,7 +311,10 @@ impl Ridge {
         let second = 2.0 * (p2 - p0 * m2 / n) / (m4 - m2 * m2 / n);
         let shift = 0.5 * self.sigma * self.sigma * second / (1.0 + here.slope * here.slope);
         let position = here.position - shift;
-        position.is_finite().then_some(RidgePoint { position, sigma: here.sigma * self.gain, ..here })
+        // A shift within its own noise is no bend.
+        let real = (shift * shift - 4.0 * here.sigma * here.sigma).max(0.0);
+        let sigma = (here.sigma * self.gain).hypot(UNSURE * real.sqrt());
+        position.is_finite().then_some(RidgePoint { position, sigma, ..here })
     }
 }
 

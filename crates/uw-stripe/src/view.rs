@@ -14,6 +14,11 @@ mod sealed {
             image: View<'_, Self>,
             background: Option<View<'_, Self>>,
         ) -> Result<(), StripeError>;
+        fn extract_all(
+            extractor: &mut Extractor,
+            image: View<'_, Self>,
+            background: Option<View<'_, Self>>,
+        ) -> Result<(), StripeError>;
         fn learn(extractor: &mut Extractor, image: View<'_, Self>) -> Result<bool, StripeError>;
         fn estimate_noise(
             extractor: &mut Extractor,
@@ -31,6 +36,13 @@ mod sealed {
                     background: Option<View<'_, Self>>,
                 ) -> Result<(), StripeError> {
                     extractor.extract_pixels(image, background)
+                }
+                fn extract_all(
+                    extractor: &mut Extractor,
+                    image: View<'_, Self>,
+                    background: Option<View<'_, Self>>,
+                ) -> Result<(), StripeError> {
+                    extractor.extract_all_pixels(image, background)
                 }
                 fn learn(extractor: &mut Extractor, image: View<'_, Self>) -> Result<bool, StripeError> {
                     extractor.learn_pixels(image)

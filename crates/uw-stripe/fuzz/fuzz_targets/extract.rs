@@ -6,7 +6,7 @@
 
 use arbitrary::Arbitrary;
 use libfuzzer_sys::fuzz_target;
-use uw_stripe::{Axis, Extractor, NoiseModel, Options, Pixel, Roi, Stripe, View};
+use uw_stripe::{Axis, Extractor, Method, NoiseModel, Options, Pixel, Roi, Stripe, Tracking, View};
 
 /// Lines and pixels a side; larger images only fuzz slower.
 const LARGEST: usize = 96;
@@ -19,6 +19,11 @@ struct Input {
     columns: bool,
     background: bool,
     reject_edges: bool,
+    method: u8,
+    stripes: u8,
+    width_px: Option<f32>,
+    track: Option<[u8; 2]>,
+    pool_lines: Option<f32>,
     roi: Option<[u8; 4]>,
     noise: Option<[f32; 4]>,
     full_scale_dn: Option<f32>,
@@ -33,9 +38,16 @@ fuzz_target!(|input: Input| {
     let mut options = Options {
         axis: if input.columns { Axis::PerColumn } else { Axis::PerRow },
         reject_edges: input.reject_edges,
+        method: Method::ALL[usize::from(input.method) % Method::ALL.len()],
+        stripes: 1 + usize::from(input.stripes % 16),
+        width_px: input.width_px,
+        pool_lines: input.pool_lines,
         full_scale_dn: input.full_scale_dn,
         ..Options::default()
     };
+    options.track = input
+        .track
+        .map(|[reach, every]| Tracking { reach_px: usize::from(reach), full_every: u32::from(every) });
     options.roi = input.roi.map(|[x, y, width, height]| {
         let [x, y, width, height] = [x, y, width, height].map(usize::from);
         Roi { x, y, width, height }
@@ -54,7 +66,7 @@ fuzz_target!(|input: Input| {
         (0..stride * height).map(|i| u16::from_le_bytes([at(2 * i), at(2 * i + 1)])).collect();
     run(&mut extractor, &bytes, [width, height, stride], input.background);
     run(&mut extractor, &words, [width, height, stride], input.background);
-    // Once more, from used buffers: an extractor remembers nothing.
+    // Once more, from used buffers.
     run(&mut extractor, &bytes, [width, height, stride], input.background);
 });
 
@@ -68,6 +80,9 @@ fn run<P: Pixel>(
     let lines = extractor.options().axis.lines(width, height);
     if let Ok(stripe) = extractor.extract(view, background.then_some(view)) {
         check(stripe, lines);
+    }
+    if let Ok(stripes) = extractor.extract_all(view, background.then_some(view)) {
+        stripes.iter().for_each(|stripe| check(stripe, lines));
     }
 }
 

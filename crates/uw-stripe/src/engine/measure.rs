@@ -15,6 +15,8 @@ use crate::{Axis, Pixel};
 const LOPSIDED: f32 = 11.5;
 const LEAN_SIGMAS: f32 = 1.0;
 const WIDENING: f32 = 0.1;
+/// Least width by the filters', whose reading of it is a first order.
+const NARROWEST: f32 = 0.25;
 
 /// Lines of the group that starts at `from`, counted from the region's first; the last group of columns overlaps the one before.
 pub(super) fn group_from<P: Pixel>(job: Job<'_, P>, from: usize) -> Range<usize> {
@@ -150,6 +152,9 @@ impl Engine {
         if !EXTRA {
             stripe.chi2[out.clone()].fill(f32::NAN);
         } else {
+            for (found, ln_width) in stripe.width_px[out.clone()].iter_mut().zip(&e.ln_width) {
+                *found = width * (1.0 + ln_width).max(NARROWEST);
+            }
             for (chi2, l) in stripe.chi2[out.clone()].iter_mut().zip(0..GROUP) {
                 let widening = e.ln_width[l] / e.sigma_ln_width[l];
                 *chi2 = 0.5 * (e.slope[l] * e.slope[l] + widening * widening);

@@ -9,12 +9,14 @@
 //! | centre of gravity, Blais and Rioux: for comparison | `classic` |
 //! | estimates to results, with verdicts | `measure` |
 //! | two candidates a line, neighbours, what the filters cannot do | `robust` |
+//! | edges of brightness, speckle, ends and bends: what only the lines together show | `along` |
 //! | only around the last image's positions | `gate` |
 //!
 //! Every step works on vectors of a fixed number of pixels and in IEEE operations of a fixed order, so that all processors give the same
 //! bits; [`Level`] chooses the instructions at run time.
 
 mod aligned;
+mod along;
 pub(crate) mod classic;
 mod columns;
 pub(crate) mod fir;
@@ -33,6 +35,7 @@ use fearless_simd::{Level, Simd, dispatch};
 
 use crate::profile::Stripe;
 use crate::{Axis, NoiseModel, Pixel, Roi, View};
+use along::Along;
 use fir::{Bank, Estimates};
 use front::{Front, Wanted};
 use gate::Gate;
@@ -83,6 +86,7 @@ pub(crate) struct Engine {
     model: Model,
     estimates: Estimates,
     second: Second,
+    along: Along,
     gate: Gate,
 }
 
@@ -128,6 +132,7 @@ impl Engine {
             model,
             estimates: Estimates::default(),
             second: Second::default(),
+            along: Along::default(),
             gate: Gate::default(),
         }
     }
@@ -158,6 +163,7 @@ impl Engine {
         }
         if job.kind == Kind::Robust {
             self.company(job, stripe);
+            self.along(job, stripe);
         }
     }
 

@@ -6,9 +6,8 @@ use super::front::NOWHERE;
 use super::{Buffers, Engine, Job};
 use crate::Pixel;
 use crate::lines::{Clip, Line};
-use crate::mle::{self, Fit, Start, WidthPrior};
+use crate::mle::{self, Fit, Seed, WINDOW, WidthPrior};
 use crate::peak::{Candidate, Candidates};
-use crate::precise::WINDOW;
 use crate::profile::{Flags, Reject, Stripe};
 use crate::track::{Tracker, go_on};
 use crate::verdict::{self, LEAST_RUN, run_reach};
@@ -224,8 +223,16 @@ impl Engine {
         let local = Line::plain(value, clip);
         let width = f64::from(model.width_px);
         let prior = WidthPrior { ln_width: width.ln(), sigma: WIDTH_SIGMA };
-        let start = (centre - from as f64, width, amplitude, f64::from(stripe.background[line]));
-        settle(local, &model.noise, start, prior)
+        let flux = amplitude * width * (2.0 * std::f64::consts::PI).sqrt();
+        let centre = centre - from as f64;
+        let seed = Seed { centre, width, flux, background: f64::from(stripe.background[line]) };
+        let window = |centre: f64, half: f64| {
+            let to = ((centre + half).floor().max(-1.0) + 1.0) as usize;
+            ((centre - half).ceil().max(0.0) as usize, to.min(local.value.len()))
+        };
+        // A fit that left its window found something else.
+        mle::settle(local, &model.noise, seed, Some(prior), None, window)
+            .filter(|f| (f.centre - centre).abs() <= WINDOW.0 * f.width + WINDOW.1)
     }
 
     /// Writes a refined line, with the verdict on it.
@@ -276,37 +283,6 @@ impl Engine {
         }
         verdict::drop_lonely(stripe, lines, |_| true, &mut self.second.keep);
     }
-}
-
-/// The fit whose window suits the width that it finds. `start`: centre, width, height, background.
-fn settle(
-    line: Line<'_>,
-    noise: &crate::NoiseModel,
-    start: (f64, f64, f64, f64),
-    prior: WidthPrior,
-) -> Option<Fit> {
-    /// Fits, each with the window of the one before.
-    const ROUNDS: usize = 3;
-    /// Ratio of window wanted to window used within which the fit stands.
-    const WINDOW_FITS: std::ops::Range<f64> = 0.75..1.34;
-    let (mut centre, mut width, height, mut background) = start;
-    let mut flux = height * width * (2.0 * std::f64::consts::PI).sqrt();
-    let mut best = None;
-    for _ in 0..ROUNDS {
-        let half = WINDOW.0 * width + WINDOW.1;
-        let from = (centre - half).ceil().max(0.0) as usize;
-        let to = ((centre + half).floor().max(-1.0) + 1.0) as usize;
-        let start = Start { centre, width, flux, background, from, to: to.min(line.value.len()) };
-        let Some(fit) = mle::fit(line, noise, start, Some(prior), None) else { break };
-        best = Some(fit);
-        let wanted = WINDOW.0 * fit.width + WINDOW.1;
-        if WINDOW_FITS.contains(&(wanted / half)) || (fit.centre - centre).abs() > half {
-            break;
-        }
-        (centre, width, flux, background) = (fit.centre, fit.width, fit.flux, fit.background);
-    }
-    // A fit that left its window found something else.
-    best.filter(|f| (f.centre - start.0).abs() <= WINDOW.0 * f.width + WINDOW.1)
 }
 
 /// Exchanges one line of two results.

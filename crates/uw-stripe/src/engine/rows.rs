@@ -115,6 +115,7 @@ impl<P: Pixel> Front<P> {
             let (before, after) = run(simd, contrast, pad + peak, P::from_dn(0.25 * top.dn()));
             let from = (peak - before.min(peak)).saturating_sub(MARGIN);
             let to = (peak + after + MARGIN).min(roi.width);
+            let near = pad + from.saturating_sub(reach)..pad + (to + reach).min(roi.width);
             // At least a vector, where there is one.
             let to = to.max((from + P::N).min(roi.width));
             let from = from.min(to.saturating_sub(P::N));
@@ -134,7 +135,6 @@ impl<P: Pixel> Front<P> {
             }
             if wanted.second.is_some() {
                 // A second one lies apart from the first.
-                let near = pad + from.saturating_sub(reach)..pad + (to + reach).min(roi.width);
                 contrast[near].fill(P::ZERO);
             }
         }

@@ -1,10 +1,15 @@
 //! Centres, sigmas and rejects against the truth of synthetic scenes.
 
 use crate::scene::{Scene, none, to_u8};
-use uw_stripe::{Extractor, Flags, NoiseModel, Options, Stripe, View};
+use uw_stripe::{Extractor, Flags, Method, NoiseModel, Options, Stripe, View};
 
 const WIDTH: usize = 160;
 const HEIGHT: usize = 500;
+/// Settings of the method that these scenes judge; the suite judges the others.
+fn precise() -> Options {
+    Options { method: Method::Precise, ..Options::default() }
+}
+
 /// An error beyond this is a wrong peak, not an inaccurate one, px.
 const WRONG_PX: f64 = 3.0;
 /// Predicted sigma over actual scatter; the scatter of 500 lines is known to 3 %, the rest is margin for shapes.
@@ -122,7 +127,7 @@ fn clean_scene_reaches_the_bound_with_true_sigmas() {
     let bright = |_: f64, _: f64| 150.0;
     let level = |_: f64, _: f64| 4.0;
     let scene = eight_bit(&wavy, &bright, &level);
-    let e = errors(&scene, 0..4, &Options::default());
+    let e = errors(&scene, 0..4, &precise());
     assert_honest("clean", &e, 0.995);
     let bound = cramer_rao(&scene, 150.0, 4.0);
     assert!(e.rms < ABOVE_BOUND * bound, "rms {} against {bound}", e.rms);
@@ -132,14 +137,14 @@ fn clean_scene_reaches_the_bound_with_true_sigmas() {
 fn low_signal_has_true_sigmas() {
     let faint = |_: f64, _: f64| 9.0;
     let level = |_: f64, _: f64| 4.0;
-    assert_honest("low", &errors(&eight_bit(&wavy, &faint, &level), 0..4, &Options::default()), 0.95);
+    assert_honest("low", &errors(&eight_bit(&wavy, &faint, &level), 0..4, &precise()), 0.95);
 }
 
 #[test]
 fn a_floor_that_hides_the_background_biases_nothing() {
     let bright = |_: f64, _: f64| 100.0;
     let below = |_: f64, _: f64| -4.0;
-    let e = errors(&eight_bit(&wavy, &bright, &below), 0..4, &Options::default());
+    let e = errors(&eight_bit(&wavy, &bright, &below), 0..4, &precise());
     assert!(e.found >= 0.995 && e.wrong <= 0.005, "found {} wrong {}", e.found, e.wrong);
     // The floor hides the dark half of what the noise is read off: too wide a sigma may come of it, never too narrow a one.
     assert!((0.7..=1.15).contains(&e.normalised_rms), "error over sigma has rms {}", e.normalised_rms);
@@ -157,7 +162,7 @@ fn twelve_bits_in_sixteen() {
         sigma: 1.2,
         ..eight_bit(&wavy, &bright, &level)
     };
-    assert_honest("12 bit", &errors(&scene, 0..4, &Options::default()), 0.995);
+    assert_honest("12 bit", &errors(&scene, 0..4, &precise()), 0.995);
 }
 
 #[test]
@@ -167,9 +172,9 @@ fn saturation_is_masked_not_averaged() {
     let scene = eight_bit(&wavy, &glaring, &level);
     let noise =
         NoiseModel { gain_e_per_dn: 40.0, read_noise_dn: 1.0, speckle_contrast: 0.0, full_scale_dn: 255.0 };
-    let e = errors(&scene, 0..4, &Options { noise: Some(noise), ..Options::default() });
+    let e = errors(&scene, 0..4, &Options { noise: Some(noise), ..precise() });
     assert_honest("saturated", &e, 0.99);
-    let stripe = extract(&scene, 9, Options::default());
+    let stripe = extract(&scene, 9, precise());
     assert!(stripe.measurements().all(|m| m.flags.contains(Flags::SATURATED)));
 }
 
@@ -179,7 +184,7 @@ fn steep_stripes_are_not_biased() {
     let bright = |_: f64, _: f64| 120.0;
     let level = |_: f64, _: f64| 4.0;
     let scene = Scene { height: 100, ..eight_bit(&steep, &bright, &level) };
-    assert_honest("steep", &errors(&scene, 0..12, &Options::default()), 0.99);
+    assert_honest("steep", &errors(&scene, 0..12, &precise()), 0.99);
 }
 
 #[test]
@@ -191,7 +196,7 @@ fn haze_adds_no_bias() {
         let d = u - wavy(v);
         10.0 + 30.0 * (-d.abs() / 25.0).exp() + 0.1 * u
     };
-    let e = errors(&eight_bit(&wavy, &bright, &veil), 0..3, &Options::default());
+    let e = errors(&eight_bit(&wavy, &bright, &veil), 0..3, &precise());
     assert!(e.found > 0.99 && e.wrong < 0.005, "found {} wrong {}", e.found, e.wrong);
     assert!(e.mean.abs() < HAZE_BIAS_PX, "bias {}", e.mean);
 }
@@ -206,7 +211,7 @@ fn second_reflections_do_not_win_for_being_brighter_for_a_while() {
         let d = (u - at) / 1.6;
         if line % 11 == 0 { 140.0 * (-0.5 * d * d).exp() + 3.0 } else { 3.0 }
     };
-    let e = errors(&eight_bit(&wavy, &bright, &spots), 0..2, &Options::default());
+    let e = errors(&eight_bit(&wavy, &bright, &spots), 0..2, &precise());
     assert!(e.wrong <= 0.01, "wrong {}", e.wrong);
     assert!(e.found >= 0.97, "found {}", e.found);
 }
@@ -222,7 +227,7 @@ fn two_stripes_that_nearly_touch_are_not_taken_for_one() {
         3.0 + if v > 240.0 { 110.0 * (-0.5 * d * d).exp() } else { 0.0 }
     };
     let scene = Scene { sigma: 1.1, ..eight_bit(&left, &bright, &right) };
-    let stripe = extract(&scene, 1, Options::default());
+    let stripe = extract(&scene, 1, precise());
     assert!(stripe.found() * 100 >= 98 * stripe.len());
     for m in stripe.measurements() {
         let off = m.position_px - 70.3;
@@ -242,7 +247,7 @@ fn nothing_is_found_where_nothing_is() {
         ("step", &|u, _| if u < 80.0 { 15.0 } else { 120.0 }),
     ] {
         for options in [
-            Options::default(),
+            precise(),
             Options {
                 noise: Some(NoiseModel {
                     gain_e_per_dn: 40.0,
@@ -250,7 +255,7 @@ fn nothing_is_found_where_nothing_is() {
                     speckle_contrast: 0.0,
                     full_scale_dn: 255.0,
                 }),
-                ..Options::default()
+                ..precise()
             },
         ] {
             let stripe = extract(&eight_bit(&dark, &none, background), 3, options);
@@ -266,7 +271,7 @@ fn an_albedo_edge_is_flagged_and_its_lines_can_be_left_out() {
     let straight = |_: f64| 80.2;
     let level = |_: f64, _: f64| 4.0;
     let scene = eight_bit(&straight, &black, &level);
-    let stripe = extract(&scene, 5, Options::default());
+    let stripe = extract(&scene, 5, precise());
     let off: Vec<_> =
         stripe.measurements().filter(|m| (m.position_px - 80.2).abs() > 5.0 * m.sigma_px.max(0.03)).collect();
     assert!(off.is_empty(), "unflagged or too sure: {off:?}");
@@ -275,7 +280,7 @@ fn an_albedo_edge_is_flagged_and_its_lines_can_be_left_out() {
     let far_flagged =
         stripe.measurements().filter(|m| m.line.abs_diff(250) > 20 && m.flags.contains(Flags::EDGE)).count();
     assert!(far_flagged < 10, "{far_flagged} of the smooth lines flagged");
-    let strict = extract(&scene, 5, Options { reject_edges: true, ..Options::default() });
+    let strict = extract(&scene, 5, Options { reject_edges: true, ..precise() });
     assert!(!strict.measurements().any(|m| near(&m)));
 }
 
@@ -288,7 +293,7 @@ fn the_noise_is_read_off_the_images() {
     let scene = Scene { read_noise_dn: 1.5, electrons_per_dn: 15.0, ..eight_bit(&wavy, &shaded, &level) };
     let images: Vec<Vec<u8>> = (0..4).map(|s| to_u8(&scene.render(s))).collect();
     let views = images.iter().map(|i| View::packed(i, scene.width, scene.height).unwrap());
-    let noise = Extractor::new(Options::default()).unwrap().estimate_noise(views).unwrap();
+    let noise = Extractor::new(precise()).unwrap().estimate_noise(views).unwrap();
     for signal in [20.0f64, 100.0] {
         let want = 1.5f64.powi(2) + 1.0 / 12.0 + (signal + 6.0) / 15.0;
         let got = noise.variance(signal + 6.0, signal);

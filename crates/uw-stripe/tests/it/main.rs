@@ -6,5 +6,8 @@ mod accuracy;
 mod bars;
 mod behaviour;
 mod optics;
+mod others;
+mod processors;
 mod scene;
+mod several;
 mod suite;

@@ -49,6 +49,8 @@ pub struct Optics {
     pub line_px: f64,
     /// The same of the lens's point-spread, px.
     pub spread_px: f64,
+    /// Factor of `line_px` on (fractional) row v: where the line is out of focus.
+    pub blur: Curve,
     /// True: the line keeps its cross section along the row however steep it is, as many generators draw it.
     pub sheared: bool,
     /// Independent speckle patterns; 0: light without speckle.
@@ -84,7 +86,7 @@ impl Optics {
             let v = at(j) - margin as f64;
             let (centre, slope) =
                 ((self.centre)(v), ((self.centre)(v + 1e-3) - (self.centre)(v - 1e-3)) / 2e-3);
-            let along = self.line_px * if self.sheared { 1.0 } else { slope.hypot(1.0) };
+            let along = self.line_px * (self.blur)(v) * if self.sheared { 1.0 } else { slope.hypot(1.0) };
             let first = ((centre - REACH * along).max(0.0) * FINE as f64) as usize;
             let last = ((centre + REACH * along + 1.0).max(0.0) * FINE as f64) as usize;
             for (i, value) in row.iter_mut().enumerate().take(last.min(columns)).skip(first) {

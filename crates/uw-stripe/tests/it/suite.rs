@@ -15,8 +15,8 @@ pub const CAMERAS: [Camera; 2] = [
 /// The lens's share of a stripe's width (of variance: half).
 const LENS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 const WIDTH: usize = 200;
-const HEIGHT: usize = 300;
-const MIDDLE: f64 = 0.5 * WIDTH as f64;
+pub const HEIGHT: usize = 300;
+pub const MIDDLE: f64 = 0.5 * WIDTH as f64;
 
 /// A scene by name, made for a stripe's width and a camera.
 pub struct Case {
@@ -47,16 +47,16 @@ pub const CASES: [Case; 13] = [
     Case { name: "albedo edges", make: albedo_edges },
 ];
 
-fn dark(camera: &Camera) -> f64 {
+pub fn dark(camera: &Camera) -> f64 {
     camera.full_scale_dn * 4.0 / 255.0
 }
 
-fn wavy(v: f64) -> f64 {
+pub fn wavy(v: f64) -> f64 {
     MIDDLE - 10.0 + 0.05 * v + 6.0 * (v / 60.0).sin()
 }
 
 /// An even stripe of `share` times full scale on an even background.
-fn plain(sigma_px: f64, camera: Camera, share: f64) -> Optics {
+pub fn plain(sigma_px: f64, camera: Camera, share: f64) -> Optics {
     let (strength, level) = (share * camera.full_scale_dn, dark(&camera));
     Optics {
         width: WIDTH,
@@ -67,6 +67,7 @@ fn plain(sigma_px: f64, camera: Camera, share: f64) -> Optics {
         background: Box::new(move |_, _| level),
         line_px: sigma_px * (1.0 - LENS * LENS).sqrt(),
         spread_px: sigma_px * LENS,
+        blur: Box::new(|_| 1.0),
         sheared: false,
         looks: 0,
     }
@@ -154,7 +155,10 @@ pub const CONTENDERS: [Contender; 5] = [
     Contender { name: "robust", options: |camera| given(camera, Method::Robust) },
     Contender { name: "ridge", options: |camera| given(camera, Method::Ridge) },
     Contender { name: "precise", options: |camera| given(camera, Method::Precise) },
-    Contender { name: "precise, noise from the image", options: |_| Options::default() },
+    Contender {
+        name: "precise, noise from the image",
+        options: |_| Options { method: Method::Precise, ..Options::default() },
+    },
 ];
 
 /// Settings of `method` with the camera's noise given.
@@ -268,13 +272,13 @@ pub fn judge(case: &Case, contenders: &[Contender], seeds: u64) -> Vec<Score> {
             let image = exposure.shoot(seed + 1);
             let turned: Vec<u16> = (0..w * h).map(|i| image[i % h * w + i / h]).collect();
             for ((contender, score), errors) in contenders.iter().zip(&mut scores).zip(&mut errors) {
-                let mut options = (contender.options)(camera);
+                let mut options = (contender.options)(&scene.camera);
                 let stripe = if seed % 2 == 0 {
                     options.axis = Axis::PerRow;
-                    extract(options, camera, &image, w, h)
+                    extract(options, &scene.camera, &image, w, h)
                 } else {
                     options.axis = Axis::PerColumn;
-                    extract(options, camera, &turned, h, w)
+                    extract(options, &scene.camera, &turned, h, w)
                 };
                 score.lines += h;
                 for m in stripe.measurements() {

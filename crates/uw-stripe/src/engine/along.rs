@@ -1,0 +1,149 @@
+//! What only the lines together show, for the filters as for the likelihood: edges of brightness, speckle, ends, bends. Most images show none
+//! of it, which one pass over the lines tells.
+
+use fearless_simd::{Simd, dispatch};
+
+use super::{Engine, Job};
+use crate::Pixel;
+use crate::bend::unbend;
+use crate::edges::{self, Edges};
+use crate::profile::{Flags, Reject, Stripe};
+use crate::scatter::{self, Centre, Scatter};
+
+/// Buffers.
+#[derive(Debug, Default)]
+pub(super) struct Along {
+    edges: Edges,
+    scatter: Scatter,
+    ends: Vec<usize>,
+}
+
+/// What is worth a closer look.
+#[derive(Debug, Clone, Copy)]
+struct Signs {
+    edges: bool,
+    rough: bool,
+    bent: bool,
+}
+
+impl Engine {
+    /// Widens sigmas by what edges of brightness and speckle do to a centre, takes out the stripe's fading ends and what blur moves where it bends.
+    pub(super) fn along<P: Pixel>(&mut self, job: Job<'_, P>, stripe: &mut Stripe) {
+        let (first_line, _, _) = job.origin();
+        let lines = first_line..first_line + job.lines();
+        let (level, width) = (self.level, self.model.width_px);
+        let (position, sigma) = (&stripe.position_px[lines.clone()], &stripe.sigma_px[lines.clone()]);
+        let amplitude = &stripe.amplitude[lines.clone()];
+        let signs = dispatch!(level, simd => signs(simd, position, sigma, amplitude, width));
+        if signs.edges || signs.rough {
+            let Along { edges, scatter, ends } = &mut self.along;
+            edges.load(lines.clone().map(|i| f64::from(stripe.amplitude[i]) * f64::from(stripe.width_px[i])));
+            let centres = lines.clone().enumerate().map(|(i, line)| {
+                let unsound = Flags::SATURATED | Flags::NOT_CONVERGED;
+                let told = !stripe.position_px[line].is_nan()
+                    && stripe.flags[line].without(unsound) == stripe.flags[line]
+                    && edges.smooth(i);
+                told.then(|| Centre {
+                    position: f64::from(stripe.position_px[line]),
+                    sigma: f64::from(stripe.sigma_px[line]),
+                    width: f64::from(stripe.width_px[line]),
+                })
+            });
+            let scatter = if signs.rough { scatter.of(centres) } else { 0.0 };
+            stripe.scatter_widths = scatter as f32;
+            for (i, line) in lines.clone().enumerate().filter(|(_, l)| stripe.reject[*l].is_none()) {
+                let width = f64::from(stripe.width_px[line]);
+                let edge = edges.lean(i, width);
+                let sigma =
+                    f64::from(stripe.sigma_px[line]).hypot(scatter * width).hypot(edge.unwrap_or(0.0));
+                stripe.sigma_px[line] = sigma as f32;
+                if edge.is_some() {
+                    stripe.flags[line] |= Flags::EDGE;
+                }
+            }
+            edges.drop_partial(stripe, lines.clone(), ends);
+        }
+        if signs.bent {
+            unbend(stripe, lines.clone());
+        }
+        if signs.edges || signs.rough || signs.bent {
+            for line in lines {
+                if stripe.reject[line].is_none() && stripe.sigma_px[line] > self.model.max_sigma_px {
+                    stripe.drop_line(line, Reject::Imprecise);
+                }
+            }
+        }
+    }
+}
+
+/// Looks over the lines in sums and counts alone; NaN, a line without a stripe, counts as nothing.
+#[inline(always)]
+fn signs<S: Simd>(_: S, position: &[f32], sigma: &[f32], amplitude: &[f32], width: f32) -> Signs {
+    Signs {
+        edges: uneven(amplitude),
+        rough: rough(position, sigma),
+        bent: bent(position, sigma, amplitude, width),
+    }
+}
+
+/// The `K` parts of equal length that begin `spacing` apart.
+#[inline(always)]
+fn parts<const K: usize>(values: &[f32], spacing: usize) -> [&[f32]; K] {
+    let length = values.len().saturating_sub((K - 1) * spacing);
+    std::array::from_fn(|k| values.get(k * spacing..k * spacing + length).unwrap_or(&[]))
+}
+
+/// Whether light jumps, or drifts as far as an edge's levels lie apart.
+#[inline(always)]
+fn uneven(amplitude: &[f32]) -> bool {
+    let leap = (edges::FLUX_STEP.0 * edges::STEP_REACH as f64).exp();
+    let mut jumps = 0u32;
+    for (reach, ratio) in [(edges::STEP_REACH, leap), (edges::LEVELS_REACH, edges::LEVELS_APART.sqrt())] {
+        let (ratio, [before, after]) = (ratio as f32, parts(amplitude, reach));
+        for (a, b) in before.iter().zip(after) {
+            jumps += u32::from((a * ratio < *b) | (b * ratio < *a));
+        }
+    }
+    jumps > 0
+}
+
+/// Whether more centres than chance allows are further from their neighbours' curve than their sigmas say.
+#[inline(always)]
+fn rough(position: &[f32], sigma: &[f32]) -> bool {
+    let [a, b, c, d] = parts(position, scatter::SPACING);
+    let [sa, sb, sc, sd] = parts(sigma, scatter::SPACING);
+    let weight = scatter::WEIGHTS.map(|w| w as f32);
+    let limit = (scatter::SHARE_NORMAL * scatter::significant(a.len())).powi(2) as f32;
+    let (mut beyond, mut all) = (0u32, 0u32);
+    for i in 0..a.len() {
+        let difference = (a[i] - d[i]) + 3.0 * (c[i] - b[i]);
+        let outer = weight[0] * (sa[i] * sa[i] + sd[i] * sd[i]);
+        let inner = weight[1] * (sb[i] * sb[i] + sc[i] * sc[i]);
+        let square = difference * difference;
+        all += u32::from(square >= 0.0);
+        beyond += u32::from(square > limit * (outer + inner));
+    }
+    all as usize >= scatter::LEAST && f64::from(beyond) > (1.0 - scatter::SHARE) * f64::from(all)
+}
+
+/// Whether blur pulls some centres by a good part of their sigmas.
+#[inline(always)]
+fn bent(position: &[f32], sigma: &[f32], amplitude: &[f32], width: f32) -> bool {
+    /// Pull, in sigmas of its line, that is worth taking back, and lines that show it.
+    const PULL: f32 = 0.5;
+    const LINES: u32 = 3;
+    // So far that the look's own noise is a twelfth of a line's.
+    let reach = (4.0 * width).ceil().max(4.0) as usize;
+    let (half, square) = (0.5 / reach as f32, width * width);
+    let [before, here, after] = parts(position, reach);
+    let [dim, light, bright] = parts(amplitude, reach);
+    let [_, sigma, _] = parts(sigma, reach);
+    let mut count = 0u32;
+    for i in 0..here.len() {
+        let curvature = (before[i] + after[i] - 2.0 * here[i]) * (4.0 * half * half);
+        let growth = (bright[i] - dim[i]) * half / light[i];
+        let pull = square * (0.5 * curvature + (after[i] - before[i]) * half * growth);
+        count += u32::from(pull.abs() > PULL * sigma[i]);
+    }
+    count >= LINES
+}
