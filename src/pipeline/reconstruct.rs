@@ -3,7 +3,7 @@
 use crate::pipeline::Progress;
 use crate::pipeline::load::{Reading, by_background};
 use crate::pipeline::points::Tracer;
-use crate::pipeline::stripes::{Rejects, extract, extractor};
+use crate::pipeline::stripes::{self, Rejects, extract};
 use crate::pipeline::sweep::{self, Image, Seen, Verdicts};
 use crate::{Error, Failure, Notes};
 use rayon::prelude::*;
@@ -15,6 +15,7 @@ use uw_cloud::{CloudPoint, Frame, PointCloud};
 use uw_geom::Medium;
 use uw_io::calibration_toml::CalibrationFile;
 use uw_io::{Capture, FrameRecord, GrayImage, Kind, Problem, Rig, SaidBy};
+use uw_stripe::{Extractor, Method as StripeMethod};
 
 /// How light is traced.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,8 +49,10 @@ pub enum WaterIndex {
 }
 
 /// How to reconstruct.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
+    /// How a stripe's centre is estimated.
+    pub stripe: StripeMethod,
     /// How light is traced.
     pub refraction: Refraction,
     /// Frame of the points.
@@ -58,6 +61,18 @@ pub struct Settings {
     pub medium: Option<uw_io::Medium>,
     /// The water's index.
     pub water: WaterIndex,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            stripe: stripes::METHOD,
+            refraction: Refraction::default(),
+            frame: Frame::default(),
+            medium: None,
+            water: WaterIndex::default(),
+        }
+    }
 }
 
 /// A cloud, and what was left out on the way.
@@ -152,6 +167,15 @@ fn points(
     let reading = Reading::new(rig, SaidBy::Calibration);
     let across = calibration.calibration.across;
     let groups = by_background(&capture);
+    if settings.stripe != stripes::METHOD && groups.iter().any(|(dark, _)| dark.is_some()) {
+        notes.warnings.push(format!(
+            "{}: has images with the laser off, and where they are subtracted stripes are measured by the {} method, not by {}",
+            capture.dir.display(),
+            stripes::METHOD.name(),
+            settings.stripe.name()
+        ));
+    }
+    let options = stripes::settled(settings.stripe, (across, rig.camera.bits), (&capture, reading))?;
     progress.begin("frames", groups.iter().map(|(_, frames)| frames.len()).sum());
     type FrameResult = Result<Stripes, uw_io::Error>;
     type Group<'c> = (Option<Problem>, Vec<(&'c FrameRecord, FrameResult)>);
@@ -166,7 +190,7 @@ fn points(
             let frames = frames
                 .into_par_iter()
                 .map_init(
-                    || extractor(across, rig.camera.bits, false),
+                    || Extractor::new(options.clone()),
                     |extractor, frame| {
                         let path = capture.image_path(frame);
                         let extractor = extractor
@@ -244,7 +268,7 @@ struct Stripes {
 
 /// The stripe of one image.
 fn see(
-    extractor: &mut uw_stripe::Extractor,
+    extractor: &mut Extractor,
     image: &GrayImage,
     background: Option<&GrayImage>,
     frame: &FrameRecord,

@@ -6,7 +6,13 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use uw_calib::Across;
 use uw_io::{Capture, FrameRecord, GrayImage};
-use uw_stripe::{Axis, Extractor, Method, Options, Stripe, StripeError};
+use uw_stripe::{Axis, Extractor, Method, NoiseModel, Options, Stripe, StripeError};
+
+/// What stripes are measured by where nothing else is asked for: each image by itself, bends corrected, sigmas that hold at edges and in
+/// speckle. It takes longer than the library's default, and measurement is what a scan is for.
+pub const METHOD: Method = Method::Precise;
+/// Images that tell noise and width to the methods that keep them.
+const LEARNED_FROM: usize = 12;
 
 /// Laser-on images that are looked at to find the stripe's direction.
 const DIRECTION_SAMPLES: usize = 12;
@@ -24,15 +30,55 @@ pub(crate) fn axis(across: Across) -> Axis {
 
 /// An extractor for images of `bits` significant bits.
 pub(crate) fn extractor(across: Across, bits: u8, reject_edges: bool) -> Result<Extractor, StripeError> {
+    Extractor::new(Options { reject_edges, ..options(across, bits, METHOD) })
+}
+
+fn options(across: Across, bits: u8, method: Method) -> Options {
     let full_scale = ((1u32 << bits) - 1) as f32;
-    Extractor::new(Options {
-        // Each image by itself, bends corrected: what a measurement wants, whatever it takes.
-        method: Method::Precise,
-        axis: axis(across),
-        full_scale_dn: Some(full_scale),
-        reject_edges,
-        ..Options::default()
-    })
+    Options { method, axis: axis(across), full_scale_dn: Some(full_scale), ..Options::default() }
+}
+
+/// Settings for a scan's images by a method of choice. Those that keep noise and width from image to image are given them, read off images
+/// spread over the scan: so that no result depends on the order in which threads come to the images. Where none tells them, every image is
+/// measured as by [`Method::Precise`].
+///
+/// # Errors
+/// [`Error::Stripe`] where an image does not suit the settings; one that can't be read is reported where all of them are.
+pub(crate) fn settled(
+    method: Method,
+    (across, bits): (Across, u8),
+    (capture, reading): (&Capture, Reading),
+) -> Result<Options, Error> {
+    let mut options = options(across, bits, method);
+    if method == Method::Precise {
+        return Ok(options);
+    }
+    let frames: Vec<&FrameRecord> = capture.present().filter(|f| f.laser_on).collect();
+    let step = frames.len().div_ceil(LEARNED_FROM).max(1);
+    // First those spread over the scan, then those between.
+    let order = (0..step).flat_map(|from| frames.iter().skip(from).step_by(step));
+    let mut told: Vec<(NoiseModel, f32)> = Vec::new();
+    for (tried, frame) in order.enumerate() {
+        if tried >= LEARNED_FROM && !told.is_empty() {
+            break;
+        }
+        let path = capture.image_path(frame);
+        let failed = |source| Error::Stripe { path: path.clone(), source };
+        let Ok(image) = reading.stripe(capture, frame) else { continue };
+        let mut extractor = Extractor::new(options.clone()).map_err(failed)?;
+        let learned = match stripe_view(&image).map_err(failed)? {
+            StripeView::U8(view) => extractor.learn(view),
+            StripeView::U16(view) => extractor.learn(view),
+        };
+        if learned.map_err(failed)? {
+            told.extend(extractor.model());
+        }
+    }
+    told.sort_unstable_by(|a, b| a.1.total_cmp(&b.1));
+    if let Some((noise, width)) = told.get(told.len() / 2) {
+        (options.noise, options.width_px) = (Some(*noise), Some(*width));
+    }
+    Ok(options)
 }
 
 /// The stripe of one image.

@@ -8,6 +8,7 @@ use uwscan::{
     cloud::Frame,
     io::{Medium, atomic, calibration_toml, clouds},
     pipeline::reconstruct::{Reconstructed, Refraction, Settings, WaterIndex, reconstruct},
+    stripe::Method,
 };
 
 use crate::{
@@ -31,6 +32,9 @@ pub struct Args {
     /// Cloud to write: .ply (binary), .xyz or .csv (text)
     #[arg(short, long, value_name = "FILE", value_parser = CloudFile::parser())]
     output: CloudFile,
+    /// How a stripe's centre is estimated
+    #[arg(long, value_name = "METHOD", default_value = "precise")]
+    stripe: StripeArg,
     /// How light is traced
     #[arg(long, default_value = "exact")]
     refraction: RefractionArg,
@@ -62,6 +66,35 @@ pub struct Args {
     /// Print one JSON object instead of text
     #[arg(long)]
     json: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum StripeArg {
+    /// Matched filters at each line's strongest candidate, for speed in clear water
+    Fast,
+    /// The same at two candidates, neighbours deciding, and likelihood where filters do not suit
+    Robust,
+    /// Maximum likelihood of every line, noise and width from the image itself
+    Precise,
+    /// Steger's ridge detector, pooled along the stripe
+    Ridge,
+    /// Centre of gravity, for comparison
+    Cog,
+    /// Blais and Rioux's filter, for comparison
+    BlaisRioux,
+}
+
+impl StripeArg {
+    fn method(self) -> Method {
+        match self {
+            Self::Fast => Method::Fast,
+            Self::Robust => Method::Robust,
+            Self::Precise => Method::Precise,
+            Self::Ridge => Method::Ridge,
+            Self::Cog => Method::Cog,
+            Self::BlaisRioux => Method::BlaisRioux,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -131,6 +164,7 @@ struct Record<'a> {
     frames: usize,
     rejected: &'a BTreeMap<&'static str, usize>,
     frame: &'static str,
+    stripe: &'static str,
     refraction: &'static str,
     index: f64,
     warnings: Vec<String>,
@@ -177,6 +211,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         frames: made.frames,
         rejected: &made.rejected,
         frame: made.cloud.frame().name(),
+        stripe: args.stripe.method().name(),
         refraction: args.refraction.name(),
         index: made.index,
         warnings: output::warnings(&made.warnings, &problems),
@@ -211,6 +246,7 @@ fn settings(args: &Args) -> anyhow::Result<Settings> {
         return Err(usage_error(ErrorKind::ArgumentConflict, message));
     }
     Ok(Settings {
+        stripe: args.stripe.method(),
         refraction: match args.refraction {
             RefractionArg::Exact => Refraction::Exact,
             RefractionArg::Paper => Refraction::Paper,
@@ -231,6 +267,7 @@ fn settings(args: &Args) -> anyhow::Result<Settings> {
 fn text(args: &Args, made: &Reconstructed, record: &Record<'_>) -> String {
     let mut text = format!(
         "{}: {} points from {} images, {} frame, {:.1} s ({:.0} points per second)\n\
+         stripes: {}\n\
          refraction: {}, index {:.5} outside the windows\n",
         args.output.path.display(),
         record.points,
@@ -238,6 +275,7 @@ fn text(args: &Args, made: &Reconstructed, record: &Record<'_>) -> String {
         record.frame,
         record.seconds,
         record.points_per_second,
+        record.stripe,
         record.refraction,
         record.index,
     );

@@ -120,6 +120,7 @@ fn a_ball_is_reconstructed_and_measured() {
             "refraction",
             "rejected",
             "seconds",
+            "stripe",
             "thread_seconds",
             "warnings"
         ]
@@ -138,6 +139,31 @@ fn a_ball_is_reconstructed_and_measured() {
     assert!((radius - BALL_RADIUS_MM).abs() < RADIUS_TOLERANCE_MM, "{radius}");
     let info = uwscan(["info", ply.to_str().unwrap(), "--json"]).json(0);
     assert_eq!(info["points"], result["points"]);
+}
+
+#[test]
+fn every_stripe_method_measures_the_ball_and_says_so() {
+    let out = TempDir::new().unwrap();
+    let scan = part_of("ball", |row, _| row.is_multiple_of(2));
+    let mut clouds = Vec::new();
+    for method in ["fast", "robust", "precise", "ridge", "cog", "blais-rioux"] {
+        let ply = out.path().join(format!("{method}.ply"));
+        let more = ["--stripe", method, "--json"];
+        let result = reconstruct(scan.path(), &ply, &more).json(0);
+        assert_eq!(result["stripe"], method);
+        let fit = uwscan(["fit", "sphere", ply.to_str().unwrap(), "--json"]).json(0);
+        let radius = fit["radius_mm"].as_f64().unwrap();
+        assert!((radius - BALL_RADIUS_MM).abs() < RADIUS_TOLERANCE_MM, "{method}: {radius}");
+        let cloud = fs::read(&ply).unwrap();
+        assert!(!clouds.contains(&cloud), "{method} gives another's cloud");
+        // Whatever is learned from images does not depend on which thread comes to them first.
+        let again = out.path().join("again.ply");
+        reconstruct(scan.path(), &again, &["--stripe", method, "--force", "--threads", "1"]).text();
+        assert!(cloud == fs::read(&again).unwrap(), "{method}: another cloud on one thread");
+        clouds.push(cloud);
+    }
+    let run = reconstruct(scan.path(), &out.path().join("x.ply"), &["--stripe", "steger"]);
+    run.fails(&["steger", "fast", "robust", "precise", "ridge", "cog", "blais-rioux"]);
 }
 
 #[test]
