@@ -41,6 +41,14 @@ stripe-accuracy SEEDS="4" *SCENES:
 record-speed CALIBRATION DISK="." MEMORY="/dev/shm" FRAMES="2000":
     cargo run --release --locked --example record_speed -- {{CALIBRATION}} {{DISK}} {{MEMORY}} {{FRAMES}}
 
+# The stripe kernels as aarch64 code (NEON) under qemu-user, for correctness
+neon:
+    scripts/neon.sh
+
+# Random images and settings through every stripe method (needs a nightly toolchain and cargo-fuzz)
+fuzz SECONDS="60":
+    cd crates/uw-stripe && cargo +nightly fuzz run extract -- -max_total_time={{SECONDS}}
+
 # An acceptance script of yours (SCRIPT --uwscan BINARY …) on the optimised command
 accept SCRIPT *ARGS: build
     {{SCRIPT}} --uwscan {{justfile_directory()}}/target/release/uwscan {{ARGS}}
