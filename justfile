@@ -29,6 +29,10 @@ bench *FILTER:
 monte-carlo TRIALS="200":
     UWSCAN_TRIALS={{TRIALS}} cargo test --locked --package uw-calib --test joint accuracy -- --nocapture
 
+# How often 95 % intervals of radii and distances hold the truth, the instrument drawn anew for each artefact
+coverage ARTEFACTS="1000":
+    UWSCAN_ARTEFACTS={{ARTEFACTS}} cargo test --locked --package uwscan --test it intervals_hold -- --nocapture
+
 # Stripe methods by the speed of a pure read, image by image in turn
 stripe-ratios:
     cargo bench --locked --bench stripes -- --ratios

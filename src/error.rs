@@ -145,6 +145,25 @@ pub enum Error {
         /// What is wrong with the first of them, with the mend.
         first: Box<uw_io::Error>,
     },
+    /// Nothing is known of a calibration's errors.
+    #[error(
+        "the calibration has no covariance, as the paper's method gives none: calibrate with --method joint"
+    )]
+    NoCovariance,
+    /// A cloud does not tell what its points were made of.
+    #[error(
+        "the points have no pixels (u, v) and frames: a calibration's part of the uncertainty needs the PLY file that reconstruct wrote"
+    )]
+    NoPixels,
+    /// A cloud was not made with a calibration, or not by exact refraction.
+    #[error(
+        "the points lie {miss_mm:.3} mm off where this calibration puts their pixels: give the calibration that the cloud was \
+         reconstructed with, with --refraction exact"
+    )]
+    OtherCalibration {
+        /// How far, mm.
+        miss_mm: f64,
+    },
     /// A capture was given twice: its measurements would count as twice as many.
     #[error("{}: the same capture as {}: give each once", path.display(), other.display())]
     Twice {

@@ -12,6 +12,7 @@
 //! | reconstruct | `reconstruct` | scan, calibration | [`uw_cloud::PointCloud`] | water's index, order of the stages | [`crate::Failure`] |
 //! | simulate | `simulate` | scene file | capture, truth | true instrument, scene at each exposure | [`crate::Error::Simulation`] |
 //! | demo | `demo` | scenes compiled in | figures beside their truth | what has to come out how well | [`crate::Failure`] |
+//! | uncertainty | [`uncertainty`] | cloud, calibration, fit | the calibration's part of its covariance | whether the cloud came of that calibration | [`crate::Error::OtherCalibration`] |
 
 mod boards;
 pub mod calibrate;
@@ -25,6 +26,7 @@ pub mod replay;
 pub mod simulate;
 mod stripes;
 mod sweep;
+pub mod uncertainty;
 
 /// Told how far a long piece of work has come; called from several threads.
 pub trait Progress: Sync {

@@ -4,3 +4,4 @@ mod house;
 mod layers;
 mod real_scan;
 mod scan;
+mod shared_errors;
