@@ -7,7 +7,7 @@ use clap::{
 };
 
 use crate::commands::{
-    calibrate, completions, convert, demo, fit, info, man, mesh, reconstruct, recover, scan, simulate,
+    calibrate, completions, convert, demo, fit, info, man, mesh, reconstruct, recover, scan, shapes, simulate,
 };
 
 /// Underwater laser-line scanning: calibration, exact refraction, point clouds and measurements.
@@ -79,6 +79,8 @@ pub enum Command {
     Scan(scan::Args),
     /// Fit one shape to a point cloud, robustly, with uncertainty and deviations
     Fit(fit::Args),
+    /// Find spheres, planes and cylinders in a point cloud, and the distances between them
+    Shapes(shapes::Args),
     /// Triangulate the surface that a sweep saw
     Mesh(mesh::Args),
     /// Say what a file or capture folder holds, and whether it is sound

@@ -8,6 +8,7 @@ mod exit;
 mod figures;
 mod output;
 mod progress;
+mod records;
 mod signals;
 mod text;
 

@@ -61,7 +61,7 @@ pub fn plus_minus(value: f64, sigma: Option<f64>) -> String {
 }
 
 /// Decimals that show two significant digits of `sigma`; at most twelve.
-fn decimals(sigma: f64) -> usize {
+pub fn decimals(sigma: f64) -> usize {
     (1.0 - sigma.log10().floor()).clamp(0.0, 12.0) as usize
 }
 

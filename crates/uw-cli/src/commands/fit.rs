@@ -1,17 +1,25 @@
 //! `uwscan fit`.
 
+use std::path::PathBuf;
+
 use clap::Subcommand;
+use nalgebra::SMatrix;
 use serde::Serialize;
 use uwscan::{
-    cloud::{Deviations, PlaneFit, PlaneOptions, SphereFit, SphereOptions, fit_plane, fit_sphere},
-    io::clouds,
+    cloud::{
+        CircleOptions, CylinderOptions, FitError, Influence, PlaneOptions, SphereOptions, fit_circle,
+        fit_cylinder, fit_plane, fit_sphere,
+    },
+    io::{Problem, calibration_toml, clouds},
+    pipeline::uncertainty::SharedErrors,
 };
 
 use crate::{
     cloud_file::CloudFile,
     console::Console,
     exit::Outcome,
-    output::{self, plus_minus},
+    output,
+    records::{self, Matrix, Record},
 };
 
 /// Arguments of `fit`.
@@ -24,9 +32,13 @@ pub struct Args {
 #[derive(Debug, Subcommand)]
 enum Shape {
     /// The sphere that most points lie on
-    Sphere(SphereArgs),
+    Sphere(RoundArgs),
     /// The plane that most points lie on, its normal towards the sensor
     Plane(CloudArgs),
+    /// The cylinder that most points lie on
+    Cylinder(RoundArgs),
+    /// The circle that most points lie along: an edge, its normal towards the sensor
+    Circle(RoundArgs),
 }
 
 #[derive(Debug, clap::Args)]
@@ -34,21 +46,24 @@ struct CloudArgs {
     /// Point cloud: .ply, .xyz or .csv
     #[arg(value_parser = CloudFile::parser())]
     cloud: CloudFile,
+    /// The calibration that the cloud was reconstructed with: adds its part of the uncertainty, which all points share
+    #[arg(short, long, value_name = "FILE")]
+    calibration: Option<PathBuf>,
     /// Print one JSON object instead of text
     #[arg(long)]
     json: bool,
 }
 
 #[derive(Debug, clap::Args)]
-struct SphereArgs {
+struct RoundArgs {
     #[command(flatten)]
     cloud: CloudArgs,
-    /// The radius, where it is known: only the centre is fitted
+    /// The radius, where it is known: only the rest is fitted
     #[arg(long, value_name = "MM", value_parser = radius, allow_negative_numbers = true)]
     radius: Option<f64>,
 }
 
-/// A kilometre: no sphere that an instrument sees is larger.
+/// A kilometre: no shape that an instrument sees is larger.
 const LARGEST_RADIUS_MM: f64 = 1e6;
 
 fn radius(text: &str) -> Result<f64, String> {
@@ -60,160 +75,80 @@ fn radius(text: &str) -> Result<f64, String> {
 }
 
 #[derive(Serialize)]
-struct SphereRecord {
-    radius_mm: f64,
-    center_mm: [f64; 3],
-    sigma_radius_mm: f64,
-    sigma_center_mm: [f64; 3],
+struct Output {
     #[serde(flatten)]
-    rest: Rest,
-}
-
-#[derive(Serialize)]
-struct PlaneRecord {
-    normal: [f64; 3],
-    offset_mm: f64,
-    sigma_normal: [f64; 3],
-    sigma_normal_deg: f64,
-    sigma_offset_mm: f64,
-    #[serde(flatten)]
-    rest: Rest,
-}
-
-/// What the fits of all shapes tell.
-#[derive(Serialize)]
-struct Rest {
-    points: usize,
-    outliers: usize,
-    duplicates: usize,
-    rms_mm: f64,
-    max_outside_mm: f64,
-    max_inside_mm: f64,
-    scale: Option<f64>,
-    floor_mm: Option<f64>,
+    record: Record,
     frame: &'static str,
     warnings: Vec<String>,
-}
-
-impl Rest {
-    fn new(d: &Deviations, frame: &'static str, warnings: Vec<String>) -> Self {
-        Self {
-            points: d.points,
-            outliers: d.outliers,
-            duplicates: d.duplicates,
-            rms_mm: d.rms_mm,
-            max_outside_mm: d.max_outside_mm,
-            max_inside_mm: d.max_inside_mm,
-            scale: d.scale,
-            floor_mm: d.floor_mm,
-            frame,
-            warnings,
-        }
-    }
-
-    fn text(&self, outside: &str, inside: &str) -> String {
-        let mut text = format!(
-            "  deviations  {:.4} mm rms, {:.4} mm at most {outside}, {:.4} mm {inside}\n  points      {} ({} outliers, {} \
-             duplicates left out), {} frame\n",
-            self.rms_mm,
-            self.max_outside_mm,
-            self.max_inside_mm,
-            self.points,
-            self.outliers,
-            self.duplicates,
-            self.frame
-        );
-        match (self.scale, self.floor_mm) {
-            (Some(scale), Some(floor_mm)) => {
-                text += &format!(
-                    "  scatter     {:.2} times what the points' covariances and a floor of {floor_mm:.4} mm explain\n",
-                    scale.sqrt()
-                );
-            }
-            _ => text += "  scatter     is the sigma: the points have no covariances\n",
-        }
-        text
-    }
 }
 
 /// Fits, and prints the shape.
 ///
 /// # Errors
-/// The cloud can't be read, or holds no such shape.
+/// The cloud or the calibration can't be read, don't belong together, or there is no such shape.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
-    let source = match &args.shape {
-        Shape::Sphere(args) => &args.cloud,
-        Shape::Plane(args) => args,
+    let (source, radius_mm) = match &args.shape {
+        Shape::Sphere(args) | Shape::Cylinder(args) | Shape::Circle(args) => (&args.cloud, args.radius),
+        Shape::Plane(args) => (args, None),
     };
-    let (cloud, problems) = clouds::read(&source.cloud.path)?;
+    let (cloud, mut problems) = clouds::read(&source.cloud.path)?;
+    let calibration = read_calibration(source.calibration.as_ref(), &mut problems)?;
     let outcome = console.problems(&problems);
-    let of_cloud = |e: uwscan::cloud::FitError| anyhow::anyhow!("{}: {e}", source.cloud.path.display());
-    let rest = |d: &Deviations| Rest::new(d, cloud.frame().name(), output::warnings(&[], &problems));
-    match &args.shape {
-        Shape::Sphere(SphereArgs { radius: radius_mm, .. }) => {
-            let options = SphereOptions { radius_mm: *radius_mm, ..SphereOptions::default() };
-            let fit = fit_sphere(&cloud, &options).map_err(of_cloud)?;
-            let record = sphere(&fit, rest(&fit.deviations));
-            print(source.json, &record, || sphere_text(&record, radius_mm.is_some()))?;
+    let at_cloud = |e: FitError| anyhow::anyhow!("{}: {e}", source.cloud.path.display());
+    let total = |covariance: &Matrix, influence: &Influence| -> anyhow::Result<Option<Matrix>> {
+        let Some(file) = &calibration else { return Ok(None) };
+        let of_cloud = |e: uwscan::Error| anyhow::anyhow!("{}: {e}", source.cloud.path.display());
+        let mut shared = SharedErrors::new(&cloud, &file.calibration).map_err(of_cloud)?;
+        shared.total(covariance, influence).map(Some).map_err(of_cloud)
+    };
+    let (name, record) = match &args.shape {
+        Shape::Sphere(_) => {
+            let options = SphereOptions { radius_mm, ..SphereOptions::default() };
+            let fit = fit_sphere(&cloud, &options).map_err(at_cloud)?;
+            let total = total(&dynamic(&fit.covariance_mm2), &fit.influence)?;
+            ("sphere", records::sphere(&fit, total.as_ref()))
         }
         Shape::Plane(_) => {
-            let fit = fit_plane(&cloud, &PlaneOptions::default()).map_err(of_cloud)?;
-            let record = plane(&fit, rest(&fit.deviations));
-            print(source.json, &record, || plane_text(&record))?;
+            let fit = fit_plane(&cloud, &PlaneOptions::default()).map_err(at_cloud)?;
+            let total = total(&dynamic(&fit.covariance), &fit.influence)?;
+            ("plane", records::plane(&fit, total.as_ref()))
         }
+        Shape::Cylinder(_) => {
+            let options = CylinderOptions { radius_mm, ..CylinderOptions::default() };
+            let fit = fit_cylinder(&cloud, &options).map_err(at_cloud)?;
+            let total = total(&dynamic(&fit.covariance), &fit.influence)?;
+            ("cylinder", records::cylinder(&fit, total.as_ref()))
+        }
+        Shape::Circle(_) => {
+            let options = CircleOptions { radius_mm, ..CircleOptions::default() };
+            let fit = fit_circle(&cloud, &options).map_err(at_cloud)?;
+            let total = total(&dynamic(&fit.covariance), &fit.influence)?;
+            ("circle", records::circle(&fit, total.as_ref()))
+        }
+    };
+    let frame = cloud.frame().name();
+    if source.json {
+        output::json(&Output { record, frame, warnings: output::warnings(&[], &problems) })?;
+    } else {
+        output::print(format!("{name}\n{}", record.text(radius_mm.is_some(), frame)))?;
     }
     Ok(outcome)
 }
 
-fn print(json: bool, record: &impl Serialize, text: impl FnOnce() -> String) -> anyhow::Result<()> {
-    if json { output::json(record) } else { output::print(text()) }
+fn dynamic<const N: usize>(covariance: &SMatrix<f64, N, N>) -> Matrix {
+    Matrix::from_fn(N, N, |i, j| covariance[(i, j)])
 }
 
-fn sphere(fit: &SphereFit, rest: Rest) -> SphereRecord {
-    SphereRecord {
-        radius_mm: fit.radius_mm,
-        center_mm: fit.center_mm,
-        sigma_radius_mm: fit.sigma_radius_mm,
-        sigma_center_mm: fit.sigma_center_mm,
-        rest,
-    }
-}
-
-fn plane(fit: &PlaneFit, rest: Rest) -> PlaneRecord {
-    PlaneRecord {
-        normal: fit.normal,
-        offset_mm: fit.offset_mm,
-        sigma_normal: std::array::from_fn(|i| fit.covariance[(i, i)].max(0.0).sqrt()),
-        sigma_normal_deg: fit.sigma_normal_rad.to_degrees(),
-        sigma_offset_mm: fit.sigma_offset_mm,
-        rest,
-    }
-}
-
-fn sphere_text(record: &SphereRecord, known: bool) -> String {
-    let radius = match known {
-        true => format!("{} mm, as given", record.radius_mm),
-        false => format!("{} mm", plus_minus(record.radius_mm, Some(record.sigma_radius_mm))),
-    };
-    format!(
-        "sphere\n  radius      {radius}\n  centre      {} mm\n{}",
-        vector(record.center_mm, record.sigma_center_mm),
-        record.rest.text("outside", "inside")
-    )
-}
-
-fn plane_text(record: &PlaneRecord) -> String {
-    format!(
-        "plane\n  normal      {} (± {:.4}° in its least certain direction)\n  offset      {} mm\n{}",
-        vector(record.normal, record.sigma_normal),
-        record.sigma_normal_deg,
-        plus_minus(record.offset_mm, Some(record.sigma_offset_mm)),
-        record.rest.text("on the sensor's side", "behind")
-    )
-}
-
-fn vector(values: [f64; 3], sigmas: [f64; 3]) -> String {
-    let components: Vec<String> =
-        std::iter::zip(values, sigmas).map(|(value, sigma)| plus_minus(value, Some(sigma))).collect();
-    components.join(",  ")
+/// The calibration that was named, if one was.
+///
+/// # Errors
+/// It can't be read.
+pub fn read_calibration(
+    path: Option<&PathBuf>,
+    problems: &mut Vec<Problem>,
+) -> anyhow::Result<Option<calibration_toml::CalibrationFile>> {
+    let Some(path) = path else { return Ok(None) };
+    let (file, noted) = calibration_toml::read(path)?;
+    problems.extend(noted);
+    Ok(Some(file))
 }

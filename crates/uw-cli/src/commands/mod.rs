@@ -11,6 +11,7 @@ pub mod mesh;
 pub mod reconstruct;
 pub mod recover;
 pub mod scan;
+pub mod shapes;
 pub mod simulate;
 
 use anyhow::Context;
@@ -38,6 +39,7 @@ pub fn run(cli: &Cli, console: &Console) -> anyhow::Result<Outcome> {
         Command::Scan(args) => scan::run(args, console),
         Command::Fit(args) => fit::run(args, console),
         Command::Mesh(args) => mesh::run(args, console),
+        Command::Shapes(args) => shapes::run(args, console),
         Command::Info(args) => info::run(args, console),
         Command::Convert(args) => convert::run(args, console),
         Command::Recover(args) => recover::run(args, console),

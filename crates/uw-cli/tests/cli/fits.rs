@@ -61,6 +61,7 @@ fn a_ball_is_measured_and_told_as_json() {
             "duplicates",
             "floor_mm",
             "frame",
+            "histogram",
             "max_inside_mm",
             "max_outside_mm",
             "outliers",
@@ -119,6 +120,7 @@ fn a_plane_is_measured_from_text_files_too() {
                 "duplicates",
                 "floor_mm",
                 "frame",
+                "histogram",
                 "max_inside_mm",
                 "max_outside_mm",
                 "normal",
@@ -162,4 +164,84 @@ fn clouds_without_the_shape_fail_with_the_files_name() {
     let csv = dir.path().join("words.csv");
     fs::write(&csv, "x,y,z\n1,2,three\n").unwrap();
     fit(&csv).fails(&["words.csv:2", "three"]);
+}
+
+/// The near half of a pipe about (0, 0, 700) along x, noisy by a rule, as long as 60 mm.
+fn pipe(dir: &TempDir) -> PathBuf {
+    let points: Vec<[f64; 3]> = (0..1200)
+        .map(|i| {
+            let (t, x) = (3.3 + 2.7 * f64::from(i % 40) / 40.0, 2.0 * f64::from(i / 40));
+            let radius = 30.0 + ROUGHNESS_MM * f64::from(i * 5 % 7 - 3) / 2.0;
+            [x, radius * f64::cos(t), 700.0 + radius * f64::sin(t)]
+        })
+        .collect();
+    ply(dir, "pipe.ply", &points)
+}
+
+#[test]
+fn a_pipe_is_measured_and_a_ring_too() {
+    let dir = TempDir::new().unwrap();
+    let file = pipe(&dir);
+    let file = file.to_str().unwrap();
+    let fit = uwscan(["fit", "cylinder", file, "--json"]).json(0);
+    close(&fit["radius_mm"], 30.0, BALL_MM);
+    close(&fit["axis_direction"][0], 1.0, 1e-6);
+    close(&fit["axis_point_mm"][2], 700.0, BALL_MM);
+    has_numbers(
+        &fit,
+        &["/sigma_radius_mm", "/sigma_axis_point_mm/2", "/sigma_axis_direction/1", "/rms_mm", "/extent_mm/0"],
+    );
+    assert!(fit.get("sigma_total_radius_mm").is_none(), "only with a calibration");
+    let counts: u64 =
+        fit["histogram"]["counts"].as_array().unwrap().iter().map(|n| n.as_u64().unwrap()).sum();
+    assert_eq!(Some(counts), fit["points"].as_u64());
+    let known = uwscan(["fit", "cylinder", file, "--radius", "30", "--json"]).json(0);
+    close(&known["sigma_radius_mm"], 0.0, EXACT_MM);
+    let run = uwscan(["fit", "cylinder", file]);
+    for part in ["cylinder", "radius", "axis", "direction", "±", "galvo frame"] {
+        assert!(run.text().contains(part), "{part} in {}", run.stdout);
+    }
+    let ring: Vec<[f64; 3]> = (0..90)
+        .map(|i| (0.05 * f64::from(i), 25.0 + ROUGHNESS_MM * f64::from(i * 5 % 7 - 3)))
+        .map(|(t, r)| [r * t.cos(), r * t.sin(), 650.0])
+        .collect();
+    let ring = ply(&dir, "ring.ply", &ring);
+    let fit = uwscan(["fit".as_ref(), "circle".as_ref(), ring.as_os_str(), "--json".as_ref()]).json(0);
+    close(&fit["radius_mm"], 25.0, 0.02);
+    close(&fit["normal"][2], -1.0, 1e-6);
+    has_numbers(&fit, &["/sigma_radius_mm", "/sigma_center_mm/2", "/sigma_normal/0", "/max_outside_mm"]);
+}
+
+#[test]
+fn shapes_are_found_and_told_apart() {
+    let dir = TempDir::new().unwrap();
+    let mut points: Vec<[f64; 3]> = Vec::new();
+    for (x, radius) in [(-40.0, 20.0), (45.0, 25.0)] {
+        points.extend((0..1500).map(|i| {
+            let (turn, z) = (2.4 * f64::from(i), -f64::from(i + 1) / 1501.0);
+            let r = (1.0 - z * z).sqrt();
+            let size = radius + ROUGHNESS_MM * f64::from(i * 5 % 7 - 3) / 2.0;
+            [x + size * r * turn.cos(), size * r * turn.sin(), 700.0 + size * z]
+        }));
+    }
+    let file = ply(&dir, "balls.ply", &points);
+    let file = file.to_str().unwrap();
+    let found = uwscan(["shapes", file, "--json"]).json(0);
+    let shapes = found["shapes"].as_array().unwrap();
+    assert_eq!(shapes.len(), 2, "{found}");
+    for shape in shapes {
+        assert_eq!(shape["kind"], "sphere");
+        let true_mm = if shape["center_mm"][0].as_f64().unwrap() < 0.0 { 20.0 } else { 25.0 };
+        close(&shape["radius_mm"], true_mm, BALL_MM);
+    }
+    close(&found["distances_mm"][0]["distance_mm"], 85.0, BALL_MM);
+    has_numbers(&found, &["/distances_mm/0/sigma_mm", "/unassigned_points", "/seconds"]);
+    let one = uwscan(["shapes", file, "--max", "1", "--json"]).json(0);
+    assert_eq!(one["shapes"].as_array().unwrap().len(), 1);
+    assert!(one["unassigned_points"].as_u64() > found["unassigned_points"].as_u64());
+    let run = uwscan(["shapes", file]);
+    for part in ["2 shapes", "sphere", "distances", "0 (sphere) to 1 (sphere)", "±"] {
+        assert!(run.text().contains(part), "{part} in {}", run.stdout);
+    }
+    uwscan(["shapes", file, "-c", "nothing.toml"]).fails(&["nothing.toml"]);
 }
