@@ -177,7 +177,7 @@ fn intervals_hold_the_truth_as_often_as_they_say() {
         let cloud = scan(&truth, &calibrated, Frame::Camera, &mut random);
         let mut causes = Vec::new();
         let mut shapes = Vec::new();
-        for ball in 0..BALLS.len() {
+        for (ball, (true_center, true_radius)) in BALLS.into_iter().enumerate() {
             let cloud = part(&cloud, ball);
             assert!(cloud.len() > 300, "ball {ball} of artefact {artefact}: {} points", cloud.len());
             let options = SphereOptions { seed: artefact as u64, ..SphereOptions::default() };
@@ -191,13 +191,13 @@ fn intervals_hold_the_truth_as_often_as_they_say() {
             count(
                 &mut held,
                 &format!("radius {ball}"),
-                fit.radius_mm - BALLS[ball].1,
+                fit.radius_mm - true_radius,
                 [total(3), fit.sigma_radius_mm],
             );
             count(
                 &mut held,
                 &format!("centre z {ball}"),
-                fit.center_mm[2] - BALLS[ball].0[2],
+                fit.center_mm[2] - true_center[2],
                 [total(2), fit.sigma_center_mm[2]],
             );
             shapes.push(Shape { fit: ShapeFit::Sphere(fit), points: Vec::new() });
