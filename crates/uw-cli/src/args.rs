@@ -7,7 +7,8 @@ use clap::{
 };
 
 use crate::commands::{
-    calibrate, completions, convert, demo, fit, info, man, mesh, reconstruct, recover, scan, shapes, simulate,
+    calibrate, completions, convert, demo, devices, fit, info, man, mesh, reconstruct, recover, scan, shapes,
+    simulate,
 };
 
 /// Underwater laser-line scanning: calibration, exact refraction, point clouds and measurements.
@@ -91,6 +92,8 @@ pub enum Command {
     Recover(recover::Args),
     /// Make images of a scene as this instrument would see it, with the truth beside them
     Simulate(simulate::Args),
+    /// List serial ports and cameras that are attached
+    Devices(devices::Args),
     /// Print a shell's completion script
     Completions(completions::Args),
     /// Print the manual page (roff): uwscan man | man -l -

@@ -4,6 +4,7 @@ pub mod calibrate;
 pub mod completions;
 pub mod convert;
 pub mod demo;
+pub mod devices;
 pub mod fit;
 pub mod info;
 pub mod man;
@@ -44,6 +45,7 @@ pub fn run(cli: &Cli, console: &Console) -> anyhow::Result<Outcome> {
         Command::Convert(args) => convert::run(args, console),
         Command::Recover(args) => recover::run(args, console),
         Command::Simulate(args) => simulate::run(args, console),
+        Command::Devices(args) => devices::run(args, console),
         Command::Completions(args) => completions::run(args),
         Command::Man(args) => man::run(args),
     }

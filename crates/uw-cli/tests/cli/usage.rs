@@ -81,7 +81,7 @@ fn colour_is_as_asked_for_and_none_on_a_pipe() {
 
 #[test]
 fn help_and_version_are_results() {
-    let commands = ["calibrate", "reconstruct", "fit", "info", "completions", "man"];
+    let commands = ["calibrate", "reconstruct", "fit", "info", "devices", "completions", "man"];
     let help = uwscan(["--help"]);
     for command in commands {
         assert!(help.text().contains(command), "{command}");
@@ -90,6 +90,16 @@ fn help_and_version_are_results() {
     }
     assert!(help.text().contains("3 done with loss"));
     assert_eq!(uwscan(["--version"]).text(), format!("uwscan {}\n", env!("CARGO_PKG_VERSION")));
+}
+
+#[test]
+fn what_is_attached_is_listed_and_nothing_attached_is_no_failure() {
+    let said = uwscan(["devices"]).text();
+    assert!(said.contains("serial ports\n") && said.contains("cameras\n"), "{said}");
+    assert!(said.contains("not compiled in: v4l2"), "{said}");
+    let json = uwscan(["devices", "--json"]).json(0);
+    assert!(json["serial_ports"].is_array() && json["cameras"].is_array(), "{json}");
+    assert_eq!(json["warnings"], serde_json::json!([]), "{json}");
 }
 
 #[test]
