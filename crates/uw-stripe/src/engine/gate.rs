@@ -1,8 +1,7 @@
 //! Region of interest from image to image: only the pixels around the last positions are read.
 
-use fearless_simd::{Simd, dispatch};
+use fearless_simd::dispatch;
 
-use super::front::Front;
 use super::lanes::{CHUNK, MOST_LANES};
 use super::{Buffers, Engine, Job, Kind};
 use crate::profile::{Flags, Stripe};
@@ -70,28 +69,9 @@ impl Engine {
             let level = self.level;
             dispatch!(level, simd => {
                 self.gated(job, tracking, buffers, stripe, |engine, part, near, buffers, stripe| {
-                    engine.look::<_, P>(simd, part, near, buffers, stripe);
+                    engine.first::<_, P, false>(simd, part, near, buffers, stripe);
                 });
             });
-        }
-    }
-
-    /// A group's part of the image; `near`: there is nothing in it but what lies around the stripe.
-    #[inline(always)]
-    fn look<S: Simd, P: Pixel>(
-        &mut self,
-        simd: S,
-        part: Job<'_, P>,
-        near: bool,
-        buffers: &mut Buffers<P>,
-        stripe: &mut Stripe,
-    ) {
-        if near && part.axis == Axis::PerRow && Front::<P>::numbers(part.roi.width) {
-            buffers.front.reset(part.lines());
-            buffers.front.rows_nearby(simd, &part.image, part.roi);
-            self.group::<S, P, false>(simd, part, buffers, (0, 0..part.lines()), stripe);
-        } else {
-            self.first::<S, P, false>(simd, part, buffers, stripe);
         }
     }
 
@@ -107,17 +87,22 @@ impl Engine {
     ) {
         for group in 0..self.gate.groups.len() {
             let last = self.gate.groups[group];
-            look(self, part(&job, group, last, tracking.reach_px), last.is_some(), buffers, stripe);
-            let mut now = extent(&job, group, stripe);
-            let found = now.map_or(0, |e| e.found);
-            if last.is_some_and(|last| (found as f32) < FOUND_AGAIN * last.found as f32) {
-                let whole = part(&job, group, None, 0);
-                look(self, whole, false, buffers, stripe);
-                let (first, _, _) = whole.origin();
-                for flags in &mut stripe.flags[first..first + whole.lines()] {
-                    *flags |= Flags::TRACK_LOST;
-                }
+            let (mut around, mut now) = (last, None);
+            for again in [false, true] {
+                let part = part(&job, group, around, tracking.reach_px);
+                look(self, part, around.is_some(), buffers, stripe);
                 now = extent(&job, group, stripe);
+                if again {
+                    let (first, _, _) = part.origin();
+                    for flags in &mut stripe.flags[first..first + part.lines()] {
+                        *flags |= Flags::TRACK_LOST;
+                    }
+                }
+                let found = now.map_or(0, |e| e.found);
+                if last.is_none_or(|last| found as f32 >= FOUND_AGAIN * last.found as f32) {
+                    break;
+                }
+                around = None;
             }
             self.gate.groups[group] = now;
         }

@@ -172,19 +172,23 @@ impl Engine {
     fn region<P: Pixel>(&mut self, job: Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
         let level = self.level;
         if job.kind == Kind::Robust {
-            dispatch!(level, simd => self.first::<_, P, true>(simd, job, buffers, stripe));
+            dispatch!(level, simd => self.first::<_, P, true>(simd, job, false, buffers, stripe));
             self.robust(job, buffers, stripe);
         } else {
-            dispatch!(level, simd => self.first::<_, P, false>(simd, job, buffers, stripe));
+            dispatch!(level, simd => self.first::<_, P, false>(simd, job, false, buffers, stripe));
         }
     }
 
-    /// Candidates and estimates at the strongest: of rows group by group, while their pixels are at hand.
+    /// Candidates and estimates at the strongest: of rows group by group, while their pixels are at hand. `near`: there is nothing in the region
+    /// but what lies around the stripe.
+    ///
+    /// All of the kernels is inlined here: what is called from one place only is compiled once.
     #[inline(always)]
     fn first<S: Simd, P: Pixel, const EXTRA: bool>(
         &mut self,
         simd: S,
         job: Job<'_, P>,
+        near: bool,
         buffers: &mut Buffers<P>,
         stripe: &mut Stripe,
     ) {
@@ -194,13 +198,17 @@ impl Engine {
         buffers.front.reset(lines);
         if job.axis == Axis::PerColumn {
             buffers.front.columns(simd, &job.image, job.roi, wanted);
-            self.measure::<S, P, EXTRA>(simd, job, buffers, 0, stripe);
-            return;
         }
         for from in (0..lines).step_by(GROUP) {
-            let rows = group_from(job, from);
-            buffers.front.rows(simd, &job.image, job.roi, wanted, rows.clone());
-            self.group::<S, P, EXTRA>(simd, job, buffers, (0, rows), stripe);
+            let group = group_from(job, from);
+            match job.axis {
+                Axis::PerRow if near && Front::<P>::numbers(job.roi.width) => {
+                    buffers.front.rows_nearby(simd, &job.image, job.roi, group.clone());
+                }
+                Axis::PerRow => buffers.front.rows(simd, &job.image, job.roi, wanted, group.clone()),
+                Axis::PerColumn => {}
+            }
+            self.group::<S, P, EXTRA>(simd, job, buffers, (0, group), stripe);
         }
     }
 }

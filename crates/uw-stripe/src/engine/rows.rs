@@ -64,10 +64,11 @@ impl<P: Pixel> Front<P> {
         (P::N..=NUMBERED).contains(&width)
     }
 
-    /// The candidates of all rows of a region that holds nothing but the stripe's surroundings: each row's maximum.
+    /// The candidates of some rows of a region that holds nothing but the stripe's surroundings: each row's maximum.
     #[inline(always)]
-    pub fn rows_nearby<S: Simd>(&mut self, simd: S, image: &View<'_, P>, roi: Roi) {
-        for (first, places) in (0..).step_by(ROWS).zip(self.places[0].at.chunks_mut(ROWS)) {
+    pub fn rows_nearby<S: Simd>(&mut self, simd: S, image: &View<'_, P>, roi: Roi, rows: Range<usize>) {
+        let places = self.places[0].at[rows.clone()].chunks_mut(ROWS);
+        for (first, places) in rows.step_by(ROWS).zip(places) {
             let found = tops(simd, image.starting_at(roi.x, roi.y + first), roi.width, places.len());
             places.copy_from_slice(&found[..places.len()]);
         }
