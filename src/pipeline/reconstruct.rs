@@ -170,7 +170,7 @@ fn points(
     if settings.stripe != stripes::METHOD && groups.iter().any(|(dark, _)| dark.is_some()) {
         notes.warnings.push(format!(
             "{}: has images with the laser off, and where they are subtracted stripes are measured by the {} method, not by {}",
-            capture.dir.display(),
+            capture.path.display(),
             stripes::METHOD.name(),
             settings.stripe.name()
         ));

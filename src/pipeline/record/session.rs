@@ -374,6 +374,7 @@ pub fn run<S: Sink + Send, T>(
 }
 
 /// What the recorder's thread tells the others.
+#[derive(Clone, Copy)]
 struct Told<'s> {
     tally: &'s Tally,
     observer: &'s dyn Observer,

@@ -94,7 +94,8 @@ fn help_and_version_are_results() {
 
 #[test]
 fn what_is_attached_is_listed_and_nothing_attached_is_no_failure() {
-    let said = uwscan(["devices"]).text();
+    let run = uwscan(["devices"]);
+    let said = run.text();
     assert!(said.contains("serial ports\n") && said.contains("cameras\n"), "{said}");
     assert!(said.contains("not compiled in: v4l2"), "{said}");
     let json = uwscan(["devices", "--json"]).json(0);
