@@ -91,8 +91,9 @@ fn scan(truth: &Instrument, calibrated: &Scanner, frame: Frame, random: &mut Std
     let outside = Medium::of_index(WATER + truth.water_offset);
     let nominal = Medium::of_index(WATER);
     let mut points = Vec::new();
-    for row in 0..150 {
-        let voltage = -2.2 + 0.018 * f64::from(row);
+    // From beside the artefact to beside it.
+    for row in 0..220 {
+        let voltage = -3.0 + 0.018 * f64::from(row);
         let sheet = truth.scanner.sheet(voltage, outside);
         let exposure = calibrated.exposure(voltage, nominal).unwrap();
         for step in -50..=50 {
