@@ -94,7 +94,8 @@ impl Extractor {
         Ok(&self.stripe)
     }
 
-    /// The [`Options::stripes`] stripes of most light in `image`, that with most first, each with one entry a line.
+    /// The [`Options::stripes`] stripes of most light in `image`, each with one entry a line. Where stripes cross, a rank goes on with one of them:
+    /// the first need not be the brightest on every line, and stripes that are about as bright may be lost behind their crossing.
     ///
     /// A rank follows one physical stripe as far as its neighbours say so: stripes that cross go on as they pointed, one that breaks off and
     /// goes on nearby keeps its rank, and one that ends leaves its rank free. Stripes of equal strength that cross may lose the lines after the

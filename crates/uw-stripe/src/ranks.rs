@@ -66,7 +66,7 @@ impl Track {
     }
 }
 
-/// The stripes' places: `ranks` lists of one entry a line, that with most light first.
+/// The stripes' places: `ranks` lists of one entry a line; a list goes on with its stripe where others cross it.
 pub(crate) fn follow(lines: &[Vec<Candidate>], ranks: usize, width_px: f64) -> Vec<Vec<Option<Candidate>>> {
     let mut done: Vec<Track> = Vec::new();
     let mut open: Vec<Track> = Vec::new();
