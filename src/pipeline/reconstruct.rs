@@ -278,14 +278,7 @@ fn see(
     let stripe = extract(extractor, image, background, path)?;
     let spent = Spent { extract: began.elapsed(), ..Spent::default() };
     let rejected = stripe.rejected().map(|(reason, count)| (reason.name(), count)).collect();
-    let seen = stripe.measurements().map(|m| Seen {
-        line: m.line,
-        position_px: m.position_px,
-        sigma_px: m.sigma_px,
-        amplitude: m.amplitude,
-        width_px: stripe.width_px[m.line],
-    });
-    let image = frame.voltage_v.map(|voltage_v| Image { voltage_v, seen: seen.collect() });
+    let image = frame.voltage_v.map(|voltage_v| Image { voltage_v, seen: Seen::of(stripe) });
     Ok(Stripes { image, rejected, spent })
 }
 

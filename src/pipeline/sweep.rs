@@ -14,6 +14,8 @@
 //! beside the middle of the sheet: towards the side where the light is spread wider, and towards the brighter one. The widths tell τ:
 //! their squares are the lens's part plus τ² u′².
 
+use uw_stripe::{Measurement, Stripe};
+
 /// A stripe this many times wider than usual is smeared.
 const SMEARED: f32 = 1.8;
 /// Share of the light further in below which part of the sheet passed the surface.
@@ -54,6 +56,18 @@ pub(crate) struct Seen {
 }
 
 impl Seen {
+    /// The centres of one image's stripe.
+    pub(crate) fn of(stripe: &Stripe) -> Vec<Self> {
+        let seen = |m: Measurement| Self {
+            line: m.line,
+            position_px: m.position_px,
+            sigma_px: m.sigma_px,
+            amplitude: m.amplitude,
+            width_px: stripe.width_px[m.line],
+        };
+        stripe.measurements().map(seen).collect()
+    }
+
     /// Light across the stripe, DN · px up to a factor.
     fn flux(&self) -> f32 {
         self.amplitude as f32 * self.width_px

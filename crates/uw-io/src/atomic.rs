@@ -37,11 +37,11 @@ pub fn write(
 ///
 /// # Errors
 /// As [`write()`].
-pub fn write_through<T>(
+pub fn write_through<T, E: From<Error>>(
     path: &Path,
     overwrite: Overwrite,
-    fill: impl FnOnce(&mut dyn Write) -> Result<T, Error>,
-) -> Result<T, Error> {
+    fill: impl FnOnce(&mut dyn Write) -> Result<T, E>,
+) -> Result<T, E> {
     check(path, overwrite)?;
     let folder = folder(path);
     let failed = |action| Error::file(path, action);
@@ -59,9 +59,9 @@ pub fn write_through<T>(
     match persisted {
         Ok(_) => {}
         Err(e) if e.error.kind() == io::ErrorKind::AlreadyExists => {
-            return Err(Error::Exists { path: path.into() });
+            return Err(Error::Exists { path: path.into() }.into());
         }
-        Err(e) => return Err(failed("put the finished file in place")(e.error)),
+        Err(e) => return Err(failed("put the finished file in place")(e.error).into()),
     }
     // The rename itself lasts once the folder is on disk; not every system can do that, and the data are safe.
     if let Ok(folder) = fs::File::open(folder) {

@@ -1,17 +1,15 @@
 //! Captures from a folder into a recording and back, without loss.
 
-use std::{
-    fs, io,
-    path::{Path, PathBuf},
-};
+use std::{fs, io, path::Path};
 
 use image::ImageFormat;
 
 use crate::{
     atomic::{self, Overwrite},
-    capture::{Capture, FORMAT, FrameRecord, Target, VERSION},
+    capture::{Capture, FrameRecord, capture_text, frames_text},
     error::{Error, Place, Problem},
-    images::{self, FileFormat, Pixels, Stored},
+    folder::NewFolder,
+    images::{self, FileFormat, Stored},
     recording::{Head, Options, Picture, Recorder, Shot, Through, topics},
 };
 
@@ -69,13 +67,8 @@ pub fn to_recording(capture: &Capture, out: &Path, overwrite: Overwrite) -> Resu
                     recorder.frame(&shot, &Picture::Jpeg(&bytes), at)?;
                 }
                 Ok(Stored::Grey(image)) => {
-                    let (width, height) = (image.width, image.height);
-                    let picture = match &image.data {
-                        Pixels::U8(pixels) => Picture::U8 { width, height, pixels },
-                        Pixels::U16(pixels) => Picture::U16 { width, height, pixels },
-                    };
                     let bits = (u32::from(image.full_scale) + 1).ilog2() as u8;
-                    recorder.frame(&Shot { bits, ..shot }, &picture, at)?;
+                    recorder.frame(&Shot { bits, ..shot }, &Picture::of(&image), at)?;
                 }
                 Err(error) => {
                     recorder.lost_frame(&shot, &error.to_string(), at)?;
@@ -127,7 +120,10 @@ pub fn to_folder(capture: &Capture, out: &Path) -> Result<Converted, Error> {
                 put(&new.join(name), text.as_bytes())?;
             }
         }
-        put(&new.join("capture.toml"), capture_toml(capture).as_bytes())?;
+        put(
+            &new.join("capture.toml"),
+            capture_text(capture.kind, capture.medium, capture.target.as_ref()).as_bytes(),
+        )?;
         let present: Vec<usize> = capture.present().map(|f| f.row).collect();
         let mut rows = Vec::new();
         for frame in &capture.frames {
@@ -149,7 +145,8 @@ pub fn to_folder(capture: &Capture, out: &Path) -> Result<Converted, Error> {
             }
             rows.push((name, frame));
         }
-        put(&new.join("frames.csv"), &frames_csv(&rows, out)?)?;
+        let rows = rows.iter().map(|(name, frame): &(String, &FrameRecord)| (name.as_str(), *frame));
+        put(&new.join("frames.csv"), &frames_text(rows, &out.join("frames.csv"))?)?;
         let carried = [topics::FRAME, topics::IMAGE, topics::CALIBRATION, topics::TRANSFORMS];
         let left: Vec<&str> =
             capture.topics().map(|(name, _)| name).filter(|name| !carried.contains(name)).collect();
@@ -164,31 +161,11 @@ pub fn to_folder(capture: &Capture, out: &Path) -> Result<Converted, Error> {
     })
 }
 
-/// Fills a folder that must not exist yet, whole or not at all; what `fill` returns.
+/// Fills a folder that must not exist yet, or be empty, whole or not at all; what `fill` returns.
 pub(crate) fn new_folder<T>(out: &Path, fill: impl FnOnce(&Path) -> Result<T, Error>) -> Result<T, Error> {
-    let used = match fs::read_dir(out) {
-        Ok(mut entries) => entries.next().is_some(),
-        Err(e) => e.kind() != io::ErrorKind::NotFound,
-    };
-    if used {
-        let what = "exists already, and a folder is not replaced";
-        return Err(Error::content(Place::file(out), what, "give the name of a new folder"));
-    }
-    let parent = out.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let temporary = tempfile::Builder::new()
-        .prefix(".uwscan-")
-        .tempdir_in(parent)
-        .map_err(Error::file(parent, "write into the folder"))?;
-    let filled = fill(temporary.path())?;
-    // An empty folder of that name is replaced by renaming.
-    fs::rename(temporary.path(), out).map_err(Error::file(out, "put the finished folder in place"))?;
-    // It has another name now: there is nothing left to remove.
-    let _ = temporary.keep();
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        fs::set_permissions(out, fs::Permissions::from_mode(0o755)).map_err(Error::file(out, "write"))?;
-    }
+    let folder = NewFolder::begin_anew(out)?;
+    let filled = fill(folder.path())?;
+    folder.finish()?;
     Ok(filled)
 }
 
@@ -207,38 +184,4 @@ fn file_name(name: &str, image: &Stored) -> (String, ImageFormat) {
         Ok(ImageFormat::Jpeg) if jpeg => (name.to_owned(), ImageFormat::Jpeg),
         _ => (format!("{name}.png"), ImageFormat::Png),
     }
-}
-
-fn capture_toml(capture: &Capture) -> String {
-    let (kind, medium) = (capture.kind.name(), capture.medium.name());
-    let mut text = format!(
-        "format  = \"{FORMAT}\"\nversion = {VERSION}\nkind    = \"{kind}\"\nmedium  = \"{medium}\"\n"
-    );
-    if let Some(Target { inner_corners: [columns, rows], square_mm, wavelength_nm, .. }) = &capture.target {
-        text += &format!(
-            "\n[target]\npattern       = \"chessboard\"\ninner_corners = [{columns}, {rows}]\nsquare_mm     = {square_mm:?}\n"
-        );
-        if let Some(nm) = wavelength_nm {
-            text += &format!("wavelength_nm = {nm:?}\n");
-        }
-    }
-    text
-}
-
-fn frames_csv(rows: &[(String, &FrameRecord)], out: &Path) -> Result<Vec<u8>, Error> {
-    let mut csv = csv::Writer::from_writer(Vec::new());
-    let path = PathBuf::from(out).join("frames.csv");
-    let failed = |e: csv::Error| Error::content(Place::file(&path), e.to_string(), "report this");
-    csv.write_record(["file", "pose", "laser", "voltage_v", "stamp_ns"]).map_err(failed)?;
-    for (file, frame) in rows {
-        let record = [
-            file.clone(),
-            frame.pose.map(|pose| pose.to_string()).unwrap_or_default(),
-            if frame.laser_on { "on" } else { "off" }.to_owned(),
-            frame.voltage_v.map(|volts| format!("{volts:?}")).unwrap_or_default(),
-            frame.stamp_ns.to_string(),
-        ];
-        csv.write_record(record).map_err(failed)?;
-    }
-    csv.into_inner().map_err(|e| Error::file(&path, "write")(e.into_error()))
 }

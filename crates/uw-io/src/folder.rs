@@ -18,7 +18,7 @@ pub struct NewFolder {
     filling: TempDir,
     target: PathBuf,
     overwrite: Overwrite,
-    marker: &'static str,
+    marker: Option<&'static str>,
 }
 
 impl NewFolder {
@@ -28,6 +28,18 @@ impl NewFolder {
     /// # Errors
     /// [`Error::Exists`] where it may not be replaced, [`Error`] where it is no folder of ours or can't be made.
     pub fn begin(target: &Path, overwrite: Overwrite, marker: &'static str) -> Result<Self, Error> {
+        Self::beside(target, overwrite, Some(marker))
+    }
+
+    /// Begins a folder that does not exist yet, or is empty.
+    ///
+    /// # Errors
+    /// [`Error`] where it holds anything, is no folder, or can't be made.
+    pub fn begin_anew(target: &Path) -> Result<Self, Error> {
+        Self::beside(target, Overwrite::Replace, None)
+    }
+
+    fn beside(target: &Path, overwrite: Overwrite, marker: Option<&'static str>) -> Result<Self, Error> {
         check(target, overwrite, marker)?;
         let beside = beside(target);
         let mut builder = Builder::new();
@@ -82,7 +94,7 @@ fn beside(target: &Path) -> &Path {
     target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-fn check(target: &Path, overwrite: Overwrite, marker: &str) -> Result<(), Error> {
+fn check(target: &Path, overwrite: Overwrite, marker: Option<&str>) -> Result<(), Error> {
     let content = |what: String, mend: &str| Err(Error::content(Place::file(target), what, mend));
     if target.file_name().is_none() {
         return content("is no name of a folder".into(), "give the name of a folder to write");
@@ -96,9 +108,17 @@ fn check(target: &Path, overwrite: Overwrite, marker: &str) -> Result<(), Error>
         }
         Ok(_) => {
             let mut entries = fs::read_dir(target).map_err(Error::file(target, "look into the folder"))?;
-            if entries.next().is_some() && !target.join(marker).exists() {
-                let what = format!("holds files but no {marker}: it is not what would be written anew");
-                return content(what, "write to another place, or remove it yourself");
+            match marker {
+                _ if entries.next().is_none() => {}
+                None => {
+                    let what = "exists already, and a folder is not replaced".into();
+                    return content(what, "give the name of a new folder");
+                }
+                Some(marker) if !target.join(marker).exists() => {
+                    let what = format!("holds files but no {marker}: it is not what would be written anew");
+                    return content(what, "write to another place, or remove it yourself");
+                }
+                Some(_) => {}
             }
         }
     }

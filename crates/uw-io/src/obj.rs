@@ -1,10 +1,6 @@
 //! Wavefront OBJ: vertices and faces as text.
 
-use std::{
-    fs::File,
-    io::{BufRead, BufReader, Read},
-    path::Path,
-};
+use std::{fs::File, io::BufReader, path::Path};
 
 use uw_cloud::TriangleMesh;
 
@@ -12,6 +8,7 @@ use crate::{
     atomic::{self, Overwrite},
     error::{Error, Place, Problem},
     meshes::{Polygons, frame_and_unit},
+    text,
 };
 
 /// A line, or a face's with thousands of corners.
@@ -55,13 +52,7 @@ pub fn read(path: &Path) -> Result<(TriangleMesh, Vec<Problem>), Error> {
     let (mut faces, mut frame, mut unit) = (0, None, None);
     let mut bytes = Vec::new();
     for at in 1_u32.. {
-        bytes.clear();
-        source
-            .by_ref()
-            .take(LONGEST_LINE)
-            .read_until(b'\n', &mut bytes)
-            .map_err(Error::file(path, "read"))?;
-        if bytes.is_empty() {
+        if !text::next_line(&mut source, path, LONGEST_LINE, &mut bytes)? {
             break;
         }
         let fail = |what: String| {

@@ -1,6 +1,10 @@
 //! Text as people make it: byte order marks, other encodings, typing slips.
 
-use std::{fs::File, io::Read, path::Path};
+use std::{
+    fs::File,
+    io::{BufRead, Read},
+    path::Path,
+};
 
 use crate::error::{Error, Place};
 
@@ -22,6 +26,18 @@ pub(crate) fn read(path: &Path, limit: u64) -> Result<String, Error> {
             Err(Error::content(Place::line(path, line), "is not UTF-8 text", "save the file as UTF-8"))
         }
     }
+}
+
+/// Reads the next line into `bytes`, its end included, no more than `limit` bytes of it; false where the file ends.
+pub(crate) fn next_line(
+    source: &mut impl BufRead,
+    path: &Path,
+    limit: u64,
+    bytes: &mut Vec<u8>,
+) -> Result<bool, Error> {
+    bytes.clear();
+    source.take(limit).read_until(b'\n', bytes).map_err(Error::file(path, "read"))?;
+    Ok(!bytes.is_empty())
 }
 
 /// Line and column, from 1, of a byte offset.

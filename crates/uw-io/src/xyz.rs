@@ -1,10 +1,6 @@
 //! XYZ and CSV: points as text, for spreadsheets and everything else.
 
-use std::{
-    fs::File,
-    io::{BufRead, BufReader, Read},
-    path::Path,
-};
+use std::{fs::File, io::BufReader, path::Path};
 
 use uw_cloud::PointCloud;
 
@@ -12,6 +8,7 @@ use crate::{
     atomic::{self, Overwrite},
     columns::{self, Gather},
     error::{Error, Place, Problem},
+    text,
 };
 
 /// What stands between the values.
@@ -63,13 +60,7 @@ pub fn read(path: &Path) -> Result<(PointCloud, Vec<Problem>), Error> {
     let mut bytes = Vec::new();
     let mut values = Vec::new();
     for at in 1_u32.. {
-        bytes.clear();
-        source
-            .by_ref()
-            .take(LONGEST_LINE)
-            .read_until(b'\n', &mut bytes)
-            .map_err(Error::file(path, "read"))?;
-        if bytes.is_empty() {
+        if !text::next_line(&mut source, path, LONGEST_LINE, &mut bytes)? {
             break;
         }
         let fail = |what: String, mend: &str| Err(Error::content(Place::line(path, at), what, mend));

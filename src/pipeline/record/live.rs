@@ -80,13 +80,7 @@ impl Extract {
                 self.extractor.extract(view, None).ok()?
             }
         };
-        let seen = stripe.measurements().map(|m| Seen {
-            line: m.line,
-            position_px: m.position_px,
-            sigma_px: m.sigma_px,
-            amplitude: m.amplitude,
-            width_px: stripe.width_px[m.line],
-        });
+        let seen = Seen::of(stripe);
         let exposure = frame.exposure();
         let length_ns = i64::try_from(exposure.exposure_ns).unwrap_or(i64::MAX);
         Some(SeenFrame {
@@ -94,7 +88,7 @@ impl Extract {
             voltage_v,
             stamp_ns: unsigned(exposure.stamp_ns),
             exposed_ns: exposure.stamp_ns.saturating_add(length_ns),
-            seen: seen.collect(),
+            seen,
         })
     }
 }

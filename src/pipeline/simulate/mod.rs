@@ -9,10 +9,11 @@ use crate::pipeline::Progress;
 use crate::{Error, Failure, Notes};
 use rayon::prelude::*;
 use std::collections::VecDeque;
-use std::fs::{self, File};
+use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use uw_io::recording::{self, Head, Recorder};
+use uw_io::recording::{self, Head, Recorder, Through};
 use uw_io::truth::{StripePoint, stripes_csv};
 use uw_io::{GrayImage, NewFolder, Overwrite, Pixels, Problem, capture, images};
 use uw_sim::{Exposed, Picture, Renderer};
@@ -226,34 +227,28 @@ fn fill(plan: &Plan, folder: &Path, progress: &dyn Progress) -> Result<Vec<Strip
         .collect::<Result<Vec<_>, Error>>()?;
     let c = &plan.file.capture;
     write(&folder.join("capture.toml"), capture::capture_text(c.kind, c.medium, c.target.as_ref()))?;
-    write(&folder.join("frames.csv"), capture::frames_text(plan.frames.iter().map(|f| &f.record)))?;
+    let frames = folder.join("frames.csv");
+    let rows = plan.frames.iter().map(|f| (f.record.file.as_str(), &f.record));
+    write(&frames, capture::frames_text(rows, &frames)?)?;
     write(&folder.join("rig.toml"), plan.rig.to_toml()?)?;
     Ok(points.into_iter().flatten().collect())
 }
 
-/// Writes a recording: beside its place first, so that it is there whole or not at all.
+/// Writes a recording, which is there whole or not at all.
 fn record(
     plan: &Plan,
     output: &Path,
     overwrite: Overwrite,
     progress: &dyn Progress,
 ) -> Result<Vec<StripePoint>, Error> {
-    let mut name = output.as_os_str().to_owned();
-    name.push(".part");
-    let part = PathBuf::from(name);
-    let made = fill_recording(plan, &part, progress).and_then(|points| {
-        uw_io::atomic::check(output, overwrite)?;
-        fs::rename(&part, output).map_err(uw_io::Error::file(output, "put the finished file in place"))?;
-        Ok(points)
-    });
-    if made.is_err() {
-        // What failed is told; a rest that can't be removed is the smaller harm.
-        let _ = fs::remove_file(&part);
-    }
-    made
+    uw_io::atomic::write_through(output, overwrite, |file| fill_recording(plan, (output, file), progress))
 }
 
-fn fill_recording(plan: &Plan, part: &Path, progress: &dyn Progress) -> Result<Vec<StripePoint>, Error> {
+fn fill_recording(
+    plan: &Plan,
+    (output, file): (&Path, &mut dyn Write),
+    progress: &dyn Progress,
+) -> Result<Vec<StripePoint>, Error> {
     let c = &plan.file.capture;
     let head = Head {
         scan_id: plan.name.clone(),
@@ -262,7 +257,7 @@ fn fill_recording(plan: &Plan, part: &Path, progress: &dyn Progress) -> Result<V
         ..Head::new(c.kind, c.medium, c.target.clone())
     };
     let options = recording::Options::default();
-    let mut recorder = Recorder::<File>::create(part, Overwrite::Replace, &head, c.start_ns, options)?;
+    let mut recorder = Recorder::new(Through(file), output, &head, c.start_ns, options)?;
     let studio = Studio::new(plan)?;
     progress.begin("images", plan.frames.len());
     let mut all = Vec::new();
@@ -288,13 +283,8 @@ fn fill_recording(plan: &Plan, part: &Path, progress: &dyn Progress) -> Result<V
                 bits: picture.bits,
             };
             let image = gray(picture);
-            let (width, height) = (image.width, image.height);
-            let picture = match &image.data {
-                Pixels::U8(pixels) => recording::Picture::U8 { width, height, pixels },
-                Pixels::U16(pixels) => recording::Picture::U16 { width, height, pixels },
-            };
             let received_ns = record.stamp_ns + (c.interval_ms * 1e6) as u64;
-            recorder.frame(&shot, &picture, received_ns)?;
+            recorder.frame(&shot, &recording::Picture::of(&image), received_ns)?;
             all.extend(points);
         }
     }

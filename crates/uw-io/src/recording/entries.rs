@@ -2,6 +2,8 @@
 
 use uw_calib::Across;
 
+use crate::images::{GrayImage, Pixels};
+
 /// One exposure: a row of frames.csv.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shot<'a> {
@@ -47,6 +49,17 @@ pub enum Picture<'a> {
     Png(&'a [u8]),
     /// A JPEG file as it is.
     Jpeg(&'a [u8]),
+}
+
+impl<'a> Picture<'a> {
+    /// The image's values.
+    pub fn of(image: &'a GrayImage) -> Self {
+        let (width, height) = (image.width, image.height);
+        match &image.data {
+            Pixels::U8(pixels) => Self::U8 { width, height, pixels },
+            Pixels::U16(pixels) => Self::U16 { width, height, pixels },
+        }
+    }
 }
 
 /// What the galvanometer was told, and what it said.

@@ -40,8 +40,7 @@ pub(crate) use reader::Other;
 pub use reader::Topic;
 pub use recorder::Recorder;
 pub use recover::{Recovered, recover};
-pub use sink::Sink;
-pub(crate) use sink::Through;
+pub use sink::{Sink, Through};
 pub(crate) use walk::Channel;
 
 /// The ending of a recording's name, without the dot.

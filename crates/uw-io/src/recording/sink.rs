@@ -47,7 +47,7 @@ impl Sink for File {
 }
 
 /// A writer that is nothing but that: what it wrote is made durable, or taken back, by whoever owns it.
-pub(crate) struct Through<'w>(pub &'w mut dyn Write);
+pub struct Through<'w>(pub &'w mut dyn Write);
 
 impl Write for Through<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
