@@ -92,8 +92,10 @@ pub fn open(
 fn absent(table: &str) -> Fault {
     Fault::Unsupported {
         device: format!("[{table}] of the vehicle file"),
-        what: "be driven by this driver in this build".into(),
-        mend: format!("choose another {table}.driver, or build with the feature that has it"),
+        what: "be driven by this driver yet".into(),
+        mend: format!(
+            "choose another {table}.driver: controllers on serial ports and replayed captures are driven"
+        ),
     }
 }
 
