@@ -21,7 +21,7 @@ use uwscan::io::calibration_toml::{self, CalibrationFile};
 use uwscan::io::recording::{Head, Options, Recorder};
 use uwscan::io::{Kind, Overwrite};
 use uwscan::pipeline::record::acquire::Acquisition;
-use uwscan::pipeline::record::session::{Observer, Pressure, Session, run};
+use uwscan::pipeline::record::session::{Observer, Pressure, Room, Session, run};
 use uwscan::pipeline::record::{Counts, Preview, Tally};
 use uwscan::stripe::Method;
 
@@ -103,6 +103,7 @@ fn record(
         pressure: PRESSURE,
         frame_bytes: images[0].len(),
         timeline: &timeline,
+        room: Room { path, min_free_bytes: 0 },
         tally: &tally,
         observer: watch,
     };

@@ -36,6 +36,19 @@ pub enum Error {
     /// A device does not do what a scan needs.
     #[error(transparent)]
     Instrument(#[from] uw_hw::Fault),
+    /// The disk has less room than is to be left there.
+    #[error(
+        "{}: {:.0} MB are free on this disk, and disk.min_free_mb of the vehicle file leaves {:.0} MB there: free some space, or \
+         lower it", path.display(), *free_bytes as f64 * 1e-6, *needed_bytes as f64 * 1e-6
+    )]
+    NoRoom {
+        /// What was to be written.
+        path: PathBuf,
+        /// Bytes that are free.
+        free_bytes: u64,
+        /// Bytes that have to be.
+        needed_bytes: u64,
+    },
     /// There is nothing to scan.
     #[error(transparent)]
     Plan(#[from] crate::pipeline::record::plan::PlanError),

@@ -20,6 +20,7 @@ use uw_io::truth::StripePoint;
 use uw_io::{CalibrationFile, Overwrite, Rig, calibration_toml, clouds};
 
 const RIG: &str = include_str!("demo/rig.toml");
+const VEHICLE: &str = include_str!("demo/vehicle.toml");
 const CALIBRATIONS: [(&str, &str); 2] =
     [("cal-air", include_str!("demo/cal-air.toml")), ("cal-water", include_str!("demo/cal-water.toml"))];
 const BALL: (&str, &str) = ("ball", include_str!("demo/ball.toml"));
@@ -101,13 +102,15 @@ impl Demo {
     }
 }
 
-/// Runs the demo in a folder, which then holds captures with their truth, `calibration.toml`, `ball.ply` and `cover.ply`.
+/// Runs the demo in a folder, which then holds the scene files and captures with their truth, `calibration.toml`, `ball.ply`, `cover.ply`, and a
+/// `vehicle.toml` of the same instrument to scan with.
 ///
 /// # Errors
 /// [`Failure`] where a file can't be written, or the job has no result.
 pub fn demo(folder: &Path, progress: &dyn Progress) -> Result<Demo, Failure> {
     let fail = |error: Error| Failure { error: Box::new(error), notes: Notes::default() };
     let began = Instant::now();
+    write_files(folder).map_err(|e| fail(e.into()))?;
     let mut images = 0;
     let mut shoot = |(name, text): (&str, &str)| {
         let plan = plan(name, text)?;
@@ -150,6 +153,18 @@ pub fn demo(folder: &Path, progress: &dyn Progress) -> Result<Demo, Failure> {
         simulating,
         working: began.elapsed(),
     })
+}
+
+/// What the demo is made from, so that anybody can go on from there.
+fn write_files(folder: &Path) -> Result<(), uw_io::Error> {
+    let write = |name: &str, text: &str| {
+        let path = folder.join(name).with_extension("toml");
+        std::fs::write(&path, text).map_err(uw_io::Error::file(&path, "write"))
+    };
+    let [air, water] = CALIBRATIONS;
+    [("rig", RIG), ("vehicle", VEHICLE), air, water, BALL, COVER]
+        .iter()
+        .try_for_each(|(name, text)| write(name, text))
 }
 
 fn plan(name: &str, text: &str) -> Result<Plan, Error> {

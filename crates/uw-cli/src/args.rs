@@ -7,8 +7,8 @@ use clap::{
 };
 
 use crate::commands::{
-    calibrate, completions, convert, demo, devices, fit, info, man, mesh, reconstruct, recover, scan, shapes,
-    simulate,
+    calibrate, completions, convert, demo, devices, fit, info, man, mesh,
+    reconstruct, recover, scan, shapes, simulate,
 };
 
 /// Underwater laser-line scanning: calibration, exact refraction, point clouds and measurements.

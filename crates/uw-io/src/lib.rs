@@ -16,6 +16,7 @@
 //! | [`clouds`] ([`ply`], [`xyz`]) | PLY; XYZ and CSV | [`uw_cloud::PointCloud`] |
 //! | [`meshes`] ([`ply`], [`stl`], [`obj`], [`glb`]) | PLY, STL, OBJ; GLB, written only | [`uw_cloud::TriangleMesh`] |
 //! | [`scene`] | `scene.toml`, what a simulation shows | [`scene::SceneFile`] |
+//! | [`disk`] | room and names where files go | |
 //! | [`atomic`] | any output | written whole or not at all |
 
 pub mod atomic;
@@ -24,6 +25,7 @@ pub mod capture;
 pub mod clouds;
 mod columns;
 pub mod convert;
+pub mod disk;
 mod error;
 mod folder;
 mod frames;

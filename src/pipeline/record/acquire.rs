@@ -26,6 +26,17 @@ pub enum Ended {
     /// The recorder took nothing for too long.
     #[error("the disk took nothing for {:.0} s: the scan was given up", (STALL * STALLS).as_secs_f64())]
     Stalled,
+    /// The disk has less room than is to be left there.
+    #[error(
+        "the disk has {:.0} MB free, less than the {:.0} MB that disk.min_free_mb of the vehicle file leaves there: free some space",
+        *free_bytes as f64 * 1e-6, *needed_bytes as f64 * 1e-6
+    )]
+    NoRoom {
+        /// Bytes that are free.
+        free_bytes: u64,
+        /// Bytes that have to be.
+        needed_bytes: u64,
+    },
 }
 
 /// Longest that a triggered exposure waits for the recorder before the watchdog is fed. The mirror rests meanwhile.
@@ -38,6 +49,7 @@ impl From<Refused> for Ended {
         match refused {
             Refused::Failed => Self::Recording,
             Refused::Stalled => Self::Stalled,
+            Refused::NoRoom { free_bytes, needed_bytes } => Self::NoRoom { free_bytes, needed_bytes },
         }
     }
 }

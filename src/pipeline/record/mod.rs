@@ -17,7 +17,7 @@ use crate::{Error, Failure, Notes};
 use acquire::{Acquisition, Ended, STALL, STALLS};
 use adaptive::{Density, LinePoint, Profile};
 pub use live::Preview;
-use session::{Feed, Observer, Pressure, Session};
+use session::{Feed, Observer, Pressure, Room, Session};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
@@ -34,7 +34,7 @@ use uw_io::{Capture, Overwrite, Rig};
 use uw_stripe::Method;
 
 /// What setting the camera up may take.
-const SETUP: Duration = Duration::from_secs(5);
+pub(crate) const SETUP: Duration = Duration::from_secs(5);
 
 /// Galvanometer and laser behind their interlock, and a camera.
 pub struct Instrument {
@@ -131,6 +131,8 @@ pub struct Settings<'a> {
     pub overwrite: Overwrite,
     /// How it is written.
     pub recording: recording::Options,
+    /// Room that has to be left on its disk, bytes: less is an error before the scan, and ends one. 0: any.
+    pub min_free_bytes: u64,
     /// What the recording says of itself; scan id, planned frames, rig and calibration are filled in.
     pub head: &'a Head,
     /// What is known of the instrument.
@@ -219,6 +221,11 @@ fn drive(
     observer: &dyn Observer,
 ) -> Result<Scanned, Error> {
     let Instrument { interlock, mut camera, camera_settings } = instrument;
+    let room = Room { path: settings.path, min_free_bytes: settings.min_free_bytes };
+    if let Some(free_bytes) = room.shortage() {
+        let (path, needed_bytes) = (settings.path.to_owned(), settings.min_free_bytes);
+        return Err(Error::NoRoom { path, free_bytes, needed_bytes });
+    }
     let handle = interlock.handle();
     handle.feed();
     let timeline = handle.timeline().clone();
@@ -229,7 +236,7 @@ fn drive(
             Fault::OutOfRange { device, quantity: "voltage", unit: "V", value, allowed: [low, high] };
         return Err(outside.into());
     }
-    let in_force = camera.configure(&camera_settings, SETUP)?;
+    let in_force = handle.patiently(|| camera.configure(&camera_settings, SETUP))?;
     let stepped = matches!(plan.motion, Motion::Steps { .. });
     let planned = plan.images();
     let tally = Tally::default();
@@ -244,7 +251,7 @@ fn drive(
         head.scan_id = format!("scan-{began_ns}");
     }
     head.planned_frames = (stepped && plan.adaptive.is_none()).then(|| u32::try_from(planned).ok()).flatten();
-    camera.arm(SETUP)?;
+    handle.patiently(|| camera.arm(SETUP))?;
     let recorder = Recorder::create(settings.path, settings.overwrite, &head, began_ns, settings.recording)?;
     let session = Session {
         recorder,
@@ -253,6 +260,7 @@ fn drive(
         pressure: if stepped { Pressure::Wait { each: STALL, times: STALLS } } else { Pressure::Lose },
         frame_bytes: bytes(&in_force),
         timeline: &timeline,
+        room,
         tally: &tally,
         observer: &watching,
     };

@@ -15,9 +15,10 @@ use crate::pipeline::record::live::{Preview, Traced};
 use crate::pipeline::record::tally::{Loss, Tally};
 use crossbeam_channel::{Receiver, RecvTimeoutError, SendTimeoutError, Sender, TrySendError, bounded};
 use std::collections::VecDeque;
+use std::path::Path;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 use uw_cloud::PointCloud;
 use uw_hw::{Frame, Pixels, Timeline};
 use uw_io::recording::{self, GalvoState, Level, Picture, Recorder, Sink};
@@ -32,6 +33,9 @@ const WAITING_PREVIEW: usize = 4;
 const MOST_OWED: usize = 100_000;
 /// How often the recorder looks whether time alone asks for something to be written.
 const TICK: Duration = Duration::from_millis(50);
+/// How often it looks how much room there is left, and after how many bytes of images.
+const LOOK: Duration = Duration::from_millis(250);
+const LOOK_BYTES: usize = 8 << 20;
 
 /// One exposure, as acquisition hands it on.
 #[derive(Clone, Debug)]
@@ -93,6 +97,33 @@ pub enum Refused {
     Failed,
     /// The recorder took nothing for as long as [`Pressure::Wait`] says.
     Stalled,
+    /// The disk has less room than it is to have; all until now is recorded.
+    NoRoom {
+        /// Bytes that are free.
+        free_bytes: u64,
+        /// Bytes that have to be.
+        needed_bytes: u64,
+    },
+}
+
+/// Room that has to be left where the recording goes.
+#[derive(Clone, Copy, Debug)]
+pub struct Room<'a> {
+    /// The recording.
+    pub path: &'a Path,
+    /// Bytes that have to stay free; 0: none.
+    pub min_free_bytes: u64,
+}
+
+impl Room<'_> {
+    /// What is free, where that is less than it has to be. A system that doesn't say has room.
+    pub fn shortage(&self) -> Option<u64> {
+        if self.min_free_bytes == 0 {
+            return None;
+        }
+        let free = uw_io::disk::free_bytes(self.path).ok().flatten()?;
+        (free < self.min_free_bytes).then_some(free)
+    }
 }
 
 /// What became of the recording.
@@ -138,6 +169,7 @@ pub struct Feed<'s> {
     record: Sender<Entry>,
     preview: Option<Offers>,
     failed: &'s AtomicBool,
+    short: &'s Short,
     /// Told of with the next entry for which there is room: what there was no room for.
     owed: VecDeque<Entry>,
 }
@@ -175,16 +207,17 @@ impl Feed<'_> {
                 {
                     self.tally.skipped();
                 }
-                Ok(())
+                // Only now: this frame is in.
+                self.short.check()
             }
             Ok(false) => self.missing(missing),
             Err(Refused::Stalled) => {
                 self.tally.lost(Loss::RecorderBehind, 1);
                 Err(Refused::Stalled)
             }
-            Err(Refused::Failed) => {
+            Err(refused) => {
                 self.tally.lost(Loss::RecorderFailed, 1);
-                Err(Refused::Failed)
+                Err(refused)
             }
         }
     }
@@ -303,6 +336,8 @@ pub struct Session<'s, S: Sink> {
     pub frame_bytes: usize,
     /// The clock of all stamps.
     pub timeline: &'s Timeline,
+    /// Room that has to be left.
+    pub room: Room<'s>,
     /// Where it is counted.
     pub tally: &'s Tally,
     /// Who is told.
@@ -315,17 +350,21 @@ pub fn run<S: Sink + Send, T>(
     session: Session<'_, S>,
     acquire: impl FnOnce(&mut Feed<'_>) -> T,
 ) -> (T, Recorded) {
-    let Session { recorder, preview, preview_every, pressure, frame_bytes, timeline, tally, observer } =
+    let Session { recorder, preview, preview_every, pressure, frame_bytes, timeline, room, tally, observer } =
         session;
     let (fewest, most) = WAITING_FRAMES;
     let waiting = (WAITING_BYTES / frame_bytes.max(1)).clamp(fewest, most);
     let (record, to_record) = bounded::<Entry>(waiting);
     let failed = AtomicBool::new(false);
     let error = Mutex::new(None);
+    let short = Short { needed_bytes: room.min_free_bytes, free_bytes: AtomicU64::new(u64::MAX) };
     std::thread::scope(|scope| {
         let recording = scope.spawn({
-            let (failed, error) = (&failed, &error);
-            move || write(recorder, &to_record, Told { tally, observer, timeline, failed, error })
+            let (failed, error, short) = (&failed, &error, &short);
+            move || {
+                let told = Told { tally, observer, timeline, frame_bytes, failed, error, room, short };
+                write(recorder, &to_record, told)
+            }
         });
         let shots = preview.map(|preview| {
             let (shots, to_extract) = bounded::<Shot>(WAITING_PREVIEW);
@@ -361,6 +400,7 @@ pub fn run<S: Sink + Send, T>(
             record,
             preview: shots,
             failed: &failed,
+            short: &short,
             owed: VecDeque::new(),
         };
         let made = acquire(&mut feed);
@@ -379,8 +419,28 @@ struct Told<'s> {
     tally: &'s Tally,
     observer: &'s dyn Observer,
     timeline: &'s Timeline,
+    frame_bytes: usize,
     failed: &'s AtomicBool,
     error: &'s Mutex<Option<uw_io::Error>>,
+    room: Room<'s>,
+    short: &'s Short,
+}
+
+/// Told by the recorder, which looks, to acquisition, which ends.
+struct Short {
+    needed_bytes: u64,
+    free_bytes: AtomicU64,
+}
+
+impl Short {
+    fn check(&self) -> Result<(), Refused> {
+        match self.free_bytes.load(Ordering::Relaxed) {
+            free_bytes if free_bytes < self.needed_bytes => {
+                Err(Refused::NoRoom { free_bytes, needed_bytes: self.needed_bytes })
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 /// Writes what comes until nobody is left to send; after a failure takes what still comes, and counts it.
@@ -389,13 +449,20 @@ fn write<S: Sink>(
     entries: &Receiver<Entry>,
     told: Told<'_>,
 ) -> Option<recording::Counts> {
-    let Told { tally, observer, timeline, failed, error } = told;
+    let Told { tally, observer, timeline, frame_bytes, failed, error, room, short } = told;
+    let (mut looked, mut since_bytes) = (Instant::now(), 0);
     let mut recorder = Some(recorder);
     let fail = |e: uw_io::Error| {
         *error.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = Some(e);
         failed.store(true, Ordering::Release);
     };
     loop {
+        if since_bytes >= LOOK_BYTES || looked.elapsed() >= LOOK {
+            (looked, since_bytes) = (Instant::now(), 0);
+            if let Some(free) = room.shortage() {
+                short.free_bytes.store(free, Ordering::Relaxed);
+            }
+        }
         let entry = match entries.recv_timeout(TICK) {
             Ok(entry) => Some(entry),
             Err(RecvTimeoutError::Timeout) => None,
@@ -412,6 +479,7 @@ fn write<S: Sink>(
         };
         match written {
             Ok(()) if is_shot => {
+                since_bytes += frame_bytes;
                 tally.recorded();
                 observer.recorded(tally);
             }

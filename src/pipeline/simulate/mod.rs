@@ -1,5 +1,6 @@
 //! A scene file → a capture as the instrument would have recorded it, with its truth beside it.
 
+mod bench;
 mod instrument;
 mod plan;
 mod things;
@@ -18,6 +19,7 @@ use uw_io::truth::{StripePoint, stripes_csv};
 use uw_io::{GrayImage, NewFolder, Overwrite, Pixels, Problem, capture, images};
 use uw_sim::{Exposed, Picture, Renderer};
 
+pub use bench::{Placement, SimulatedCamera, simulated_camera};
 pub(crate) use plan::Plan;
 
 /// What a simulation made.
@@ -56,43 +58,6 @@ pub fn simulate(
         Ok((made, _)) => Ok(Simulated { problems: notes.problems, ..made }),
         Err(error) => Err(Failure { error: Box::new(error), notes }),
     }
-}
-
-/// What a vehicle's simulated camera sees of a scene file.
-pub struct SimulatedCamera {
-    /// What [`uw_hw::mock::Mock::camera`] takes.
-    pub sees: Box<dyn FnMut(&uw_hw::mock::Shot) -> uw_hw::Pixels + Send>,
-    /// Size of its images, px.
-    pub size: [u32; 2],
-    /// Their significant bits.
-    pub bits: u8,
-}
-
-impl std::fmt::Debug for SimulatedCamera {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("SimulatedCamera")
-            .field("size", &self.size)
-            .field("bits", &self.bits)
-            .finish_non_exhaustive()
-    }
-}
-
-/// The simulated camera of a scene file. Time 0 of things that move is `began_ns`. The scene's own voltages are not used: the bench has its
-/// mirror where it was sent.
-///
-/// # Errors
-/// [`Failure`] where a file is wrong, or says what can't be.
-pub fn simulated_camera(scene: &Path, began_ns: i64) -> Result<SimulatedCamera, Failure> {
-    let mut notes = Notes::default();
-    let made = Plan::read(scene, &mut notes.problems).and_then(|plan| {
-        let (size, bits) = (plan.instrument.size, plan.instrument.sensor.bits);
-        let exposure_s = plan.file.capture.exposure_ms / 1000.0;
-        // A calibration has as many scenes as placements: a vehicle stands before the first.
-        let scene = plan.scenes[0].clone();
-        let sees = uw_sim::camera_sees(plan.instrument, scene, began_ns, exposure_s);
-        Ok(SimulatedCamera { sees: Box::new(sees.map_err(Error::Simulation)?), size, bits })
-    });
-    made.map_err(|error| Failure { error: Box::new(error), notes })
 }
 
 /// Whether an output is to be a recording.

@@ -1,6 +1,6 @@
 //! The fault table: what each fault does to a scan, what is kept, and that the laser is off after it.
 
-use super::{BALL, PARK_V, held, mock_instrument, plan, record};
+use super::{BALL, PARK_V, held, mock_instrument, plan, record, record_leaving};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
@@ -194,6 +194,33 @@ impl Drop for SmallDisk {
     fn drop(&mut self) {
         let _ = Command::new("umount").arg(self.0.path()).status();
     }
+}
+
+#[test]
+fn a_disk_that_is_left_less_room_than_it_is_to_have_ends_the_scan_in_order() {
+    let Some(disk) = SmallDisk::of_megabytes(60) else { return };
+    let timeline = Timeline::system();
+    let mock = Mock::new(timeline.clone());
+    let path = disk.path().join("scan.mcap");
+    let min_free_bytes = 30_000_000;
+    let plan = Plan { repeat: 6, ..plan() };
+    let scanned = record_leaving(mock_instrument(&mock, &timeline), &plan, &path, min_free_bytes).unwrap();
+    assert!(!mock.laser_is_on());
+    let Some(Ended::NoRoom { free_bytes, needed_bytes }) = scanned.ended else {
+        panic!("{:?}", scanned.ended)
+    };
+    assert!(free_bytes < needed_bytes && needed_bytes == min_free_bytes);
+    // Whatever was acquired is in the recording, which is finished; the rest was not reached.
+    assert!(scanned.recorded.is_some() && scanned.recording_error.is_none(), "{:?}", scanned.recording_error);
+    let held = held(&path).len();
+    assert!(held > 30 && held == scanned.counts.acquired, "{held} of {:?}", scanned.counts);
+    assert_eq!(scanned.counts.lost, BTreeMap::from([("not_reached", 6 * BALL.volts.len() - held)]));
+    // A scan is not begun where there is less from the start.
+    let again = disk.path().join("again.mcap");
+    let failure =
+        record_leaving(mock_instrument(&mock, &timeline), &plan, &again, min_free_bytes).unwrap_err();
+    assert!(failure.to_string().contains("disk.min_free_mb"), "{failure}");
+    assert!(!again.exists() && !mock.laser_is_on());
 }
 
 #[test]

@@ -9,6 +9,7 @@ mod same_cloud;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock};
 use std::time::Duration;
+use uwscan::Failure;
 use uwscan::hw::interlock::{Interlock, Policy};
 use uwscan::hw::mock::{Mock, Shot};
 use uwscan::hw::sweep::StepAndSettle;
@@ -158,6 +159,26 @@ impl Observer for Quiet {}
 
 /// Scans into `path`; with the calibration a cloud is made.
 pub fn record(instrument: Instrument, plan: &Plan, path: &Path, calibrated: bool) -> Scanned {
+    scan_into(instrument, plan, path, calibrated, 0).unwrap()
+}
+
+/// Scans into `path` as long as so many bytes stay free.
+pub fn record_leaving(
+    instrument: Instrument,
+    plan: &Plan,
+    path: &Path,
+    min_free_bytes: u64,
+) -> Result<Scanned, Failure> {
+    scan_into(instrument, plan, path, false, min_free_bytes)
+}
+
+fn scan_into(
+    instrument: Instrument,
+    plan: &Plan,
+    path: &Path,
+    calibrated: bool,
+    min_free_bytes: u64,
+) -> Result<Scanned, Failure> {
     let rig = rig();
     let mut head = Head::new(Kind::Scan, Medium::Water, None);
     head.rig = Some(rig.to_toml().unwrap());
@@ -165,13 +186,14 @@ pub fn record(instrument: Instrument, plan: &Plan, path: &Path, calibrated: bool
         path,
         overwrite: Overwrite::Refuse,
         recording: Options::default(),
+        min_free_bytes,
         head: &head,
         rig: Some(&rig),
         calibration: calibrated.then(|| &*CALIBRATION),
         reconstruct: reconstruct::Settings::default(),
         preview: Method::Robust,
     };
-    scan(instrument, plan, &settings, &Silent, &Quiet).unwrap()
+    scan(instrument, plan, &settings, &Silent, &Quiet)
 }
 
 /// What a recording holds, by our own reader: numbers and voltages of its images, in order.

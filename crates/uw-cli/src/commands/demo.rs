@@ -157,7 +157,8 @@ fn text(made: &Demo, kept: Option<&std::path::Path>) -> String {
     text += &format!("bars: radius within {BALL_BAR_MM} mm, cover's median within {COVER_BAR_MM} mm\n");
     if let Some(kept) = kept {
         text += &format!(
-            "{}: captures with their truth, calibration.toml, ball.ply, cover.ply\n",
+            "{0}: scenes, captures with their truth, calibration.toml, ball.ply, cover.ply, and the instrument itself: uwscan scan --config \
+             {0}/vehicle.toml\n",
             kept.display()
         );
     }

@@ -13,12 +13,12 @@ use serde::Serialize;
 use uwscan::{
     hw::interlock::Report,
     io::{
-        CalibrationFile, Kind, Medium, Rig, atomic, calibration_toml, clouds,
+        CalibrationFile, Kind, Medium, Rig, atomic, calibration_toml, clouds, disk,
         recording::{Head, Options},
         vehicle::Vehicle,
     },
     pipeline::{
-        instrument::{self, Wanted},
+        instrument::{self, Opened, Wanted},
         reconstruct,
         record::{Scanned, Settings, plan::Region, scan, session::Observer},
     },
@@ -45,9 +45,9 @@ pub struct Args {
     /// Vehicle file: devices, limits, sweep
     #[arg(long, value_name = "FILE")]
     config: PathBuf,
-    /// Recording to write, .mcap; the cloud goes beside it, as .ply
+    /// Recording to write, .mcap; the cloud goes beside it, as .ply [default: the next scan-0001.mcap, scan-0002.mcap, … in disk.folder]
     #[arg(short, long, value_name = "FILE", value_parser = recording)]
-    output: PathBuf,
+    output: Option<PathBuf>,
     /// Calibration file in place of the vehicle file's
     #[arg(short, long, value_name = "FILE")]
     calibration: Option<PathBuf>,
@@ -139,10 +139,14 @@ impl Observer for Quiet {}
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
     let overwrite = overwrite(args.force);
-    let cloud_path = args.output.with_extension("ply");
-    atomic::check(&args.output, overwrite)?;
     let (vehicle, problems) = Vehicle::read(&args.config)?;
     console.problems(&problems);
+    let target = match &args.output {
+        Some(path) => path.clone(),
+        None => disk::next_recording(&vehicle.resolve(&vehicle.disk.folder))?,
+    };
+    let cloud_path = target.with_extension("ply");
+    atomic::check(&target, overwrite)?;
     let (rig, problems) = Rig::read(&vehicle.resolve(&vehicle.rig))?;
     console.problems(&problems);
     let calibration = calibration(args, &vehicle, console)?;
@@ -165,7 +169,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
 
     let alarm = console.clone();
     let on_stop = move |report: &Report| report.alarms().iter().for_each(|text| alarm.error(text));
-    let (instrument, recorded) = instrument::open(&vehicle, &rig, on_stop)?;
+    let Opened { instrument, recorded, problems, .. } = instrument::open(&vehicle, &rig, on_stop)?;
+    console.problems(&problems);
     signals::stop_on_signals(instrument.interlock.handle()).context("cannot listen for Ctrl-C")?;
     let coarser = args.adaptive.then(|| args.coarser.get());
     let wanted = Wanted { repeat: args.repeat.get(), regions: args.region.clone(), coarser };
@@ -177,9 +182,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         );
     }
     let settings = Settings {
-        path: &args.output,
+        path: &target,
         overwrite,
         recording: Options::default(),
+        min_free_bytes: (vehicle.disk.min_free_mb * 1e6) as u64,
         head: &head,
         rig: Some(&rig),
         calibration: calibration.as_ref().map(|(file, _)| file),
@@ -198,7 +204,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         }
         _ => None,
     };
-    print(args, &scanned, cloud, began.elapsed().as_secs_f64())?;
+    print(args.json, &target, &scanned, cloud, began.elapsed().as_secs_f64())?;
     Ok(outcome)
 }
 
@@ -248,12 +254,18 @@ fn why_nothing(scanned: &Scanned) -> String {
     recording.or(ended).unwrap_or_else(|| "the plan has none".to_owned())
 }
 
-fn print(args: &Args, scanned: &Scanned, cloud: Option<&Path>, seconds: f64) -> anyhow::Result<()> {
+fn print(
+    as_json: bool,
+    target: &Path,
+    scanned: &Scanned,
+    cloud: Option<&Path>,
+    seconds: f64,
+) -> anyhow::Result<()> {
     let counts = &scanned.counts;
     let made = scanned.made.as_ref().and_then(|made| made.as_ref().ok());
     let ms = |us: u64| us as f64 * 1e-3;
     let record = Record {
-        recording: args.output.display().to_string(),
+        recording: target.display().to_string(),
         cloud: cloud.map(|path| path.display().to_string()),
         planned: counts.planned,
         frames: counts.recorded,
@@ -278,7 +290,7 @@ fn print(args: &Args, scanned: &Scanned, cloud: Option<&Path>, seconds: f64) -> 
         seconds,
         frames_per_second: scanned.frames_per_second(),
     };
-    if args.json {
+    if as_json {
         return output::json(&record);
     }
     let mut text = format!(

@@ -2,11 +2,16 @@
 #![allow(clippy::unwrap_used)]
 
 mod bad_captures;
+#[cfg(unix)]
+mod controller;
+#[cfg(unix)]
+mod faults;
 mod fits;
 mod infos;
 mod job;
 mod meshes;
 mod recordings;
 mod samples;
+mod scans;
 mod simulations;
 mod usage;

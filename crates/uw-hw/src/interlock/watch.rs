@@ -1,7 +1,10 @@
-//! The thread that stops a scan that hangs.
+//! The thread that stops a scan that hangs, and what is no hang though it takes long.
 
 use std::{
-    sync::{Arc, Condvar, Mutex, PoisonError},
+    sync::{
+        Arc, Condvar, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
     thread::JoinHandle,
     time::Duration,
 };
@@ -47,5 +50,34 @@ impl Drop for Watch {
             // It panics only where a device or the report's listener does; then there is nothing left to do here.
             let _ = thread.join();
         }
+    }
+}
+
+/// How often the watchdog is fed while something is waited for that is known to take long.
+const FEED: Duration = Duration::from_millis(20);
+
+impl Handle {
+    /// Does what is known to take long, such as looking for a camera, and feeds the watchdog meanwhile. The laser is to be off.
+    pub fn patiently<T>(&self, work: impl FnOnce() -> T) -> T {
+        let done = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !done.load(Ordering::Acquire) {
+                    self.feed();
+                    std::thread::sleep(FEED);
+                }
+            });
+            // On the way out of a panic, too: the scope waits for the feeder.
+            let _ended = Ended(&done);
+            work()
+        })
+    }
+}
+
+struct Ended<'a>(&'a AtomicBool);
+
+impl Drop for Ended<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Release);
     }
 }
