@@ -7,7 +7,7 @@ use clap::{
 };
 
 use crate::commands::{
-    calibrate, completions, convert, demo, devices, fit, info, man, mesh,
+    calibrate, completions, convert, demo, devices, doctor, fit, info, man, mesh,
     reconstruct, recover, scan, shapes, simulate,
 };
 
@@ -94,6 +94,8 @@ pub enum Command {
     Simulate(simulate::Args),
     /// List serial ports and cameras that are attached
     Devices(devices::Args),
+    /// Say what is wrong with a vehicle's set-up, and how to mend it
+    Doctor(doctor::Args),
     /// Print a shell's completion script
     Completions(completions::Args),
     /// Print the manual page (roff): uwscan man | man -l -

@@ -134,6 +134,20 @@ impl Rig {
         Ok((rig, warnings))
     }
 
+    /// Where another rig differs, as `key: this, not that`, in the file's keys; what values are trusted to and the water's state, which
+    /// changes from day to day, aside. None where both are the same instrument.
+    pub fn differences(&self, other: &Self) -> Vec<String> {
+        let table = |rig: &Self| {
+            let mut table = toml::Table::try_from(rig).unwrap_or_default();
+            table.remove("priors");
+            table.remove("water");
+            toml::Value::Table(table)
+        };
+        let mut found = Vec::new();
+        differences("", Some(&table(self)), Some(&table(other)), &mut found);
+        found
+    }
+
     /// Refuses values that no instrument has and makes the normals' lengths 1, with the warnings; the rig's keys are
     /// found in `file` after `prefix`.
     pub(crate) fn check(&mut self, file: &TomlFile, prefix: &str) -> Result<Vec<Problem>, Error> {
@@ -205,5 +219,22 @@ impl Rig {
             Error::content(crate::Place::file(Path::new("rig.toml")), e.to_string(), "mend the rig's values")
         })?;
         Ok(format!("format = \"{FORMAT}\"\nversion = {VERSION}\n\n{body}"))
+    }
+}
+
+fn differences(key: &str, a: Option<&toml::Value>, b: Option<&toml::Value>, found: &mut Vec<String>) {
+    match (a, b) {
+        (Some(toml::Value::Table(a)), Some(toml::Value::Table(b))) => {
+            let keys: std::collections::BTreeSet<&String> = a.keys().chain(b.keys()).collect();
+            for name in keys {
+                let key = if key.is_empty() { name.clone() } else { format!("{key}.{name}") };
+                differences(&key, a.get(name), b.get(name), found);
+            }
+        }
+        (a, b) if a == b => {}
+        (a, b) => {
+            let text = |value: Option<&toml::Value>| value.map_or("nothing".to_owned(), ToString::to_string);
+            found.push(format!("{key} {}, not {}", text(a), text(b)));
+        }
     }
 }

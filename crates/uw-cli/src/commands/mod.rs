@@ -5,6 +5,7 @@ pub mod completions;
 pub mod convert;
 pub mod demo;
 pub mod devices;
+pub mod doctor;
 pub mod fit;
 pub mod info;
 pub mod man;
@@ -46,6 +47,7 @@ pub fn run(cli: &Cli, console: &Console) -> anyhow::Result<Outcome> {
         Command::Recover(args) => recover::run(args, console),
         Command::Simulate(args) => simulate::run(args, console),
         Command::Devices(args) => devices::run(args, console),
+        Command::Doctor(args) => doctor::run(args, console),
         Command::Completions(args) => completions::run(args),
         Command::Man(args) => man::run(args),
     }

@@ -5,6 +5,8 @@ mod bad_captures;
 #[cfg(unix)]
 mod controller;
 #[cfg(unix)]
+mod doctor;
+#[cfg(unix)]
 mod faults;
 mod fits;
 mod infos;
