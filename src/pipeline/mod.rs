@@ -10,6 +10,7 @@
 //! | points | `points` | centres, calibration | points with covariance | refraction model | points without an intersection are counted |
 //! | record | `record` | instrument, plan | recording, points on the fly | what is waited for and what is lost, where more voltages are wanted | counted losses; [`record::Scanned`] says why it ended early |
 //! | reconstruct | `reconstruct` | scan, calibration | [`uw_cloud::PointCloud`] | water's index, order of the stages | [`crate::Failure`] |
+//! | capture | `capture` | instrument, board | capture folder of a calibration | whether a placement is kept, what the set lacks | [`capture::Taken`] says why it is not; [`crate::Error`] |
 //! | doctor | `doctor` | vehicle file | findings: what is wrong, where, and how to mend it | what a scan needs of files, drives, camera, disk, clock | a finding |
 //! | simulate | `simulate` | scene file | capture, truth | true instrument, scene at each exposure | [`crate::Error::Simulation`] |
 //! | demo | `demo` | scenes compiled in | figures beside their truth | what has to come out how well | [`crate::Failure`] |
@@ -17,6 +18,7 @@
 
 mod boards;
 pub mod calibrate;
+pub mod capture;
 pub mod demo;
 pub mod doctor;
 pub mod instrument;

@@ -44,4 +44,4 @@ pub use corners::{BoardCorner, Detection, Rejection, detect};
 pub use homography::{apply as apply_homography, homography};
 pub use pinhole::{PINHOLE_NAMES, Pinhole, PinholeOptions, calibrate_pinhole};
 pub use view::{GreyView, Layout, Samples, ViewError};
-pub use zhang::closed_form;
+pub use zhang::{closed_form, rough_pose};

@@ -4,7 +4,7 @@
 //! zero. In water, and strictly also behind a window in air, a plane's image is no homography; as a start
 //! that is good enough in air only.
 
-use crate::data::BoardView;
+use crate::data::{BoardView, CornerPoint};
 use crate::homography::homography;
 use crate::start::pose_of;
 use nalgebra::{DMatrix, DVector, Matrix3, SVector, Vector2};
@@ -131,8 +131,17 @@ pub(crate) fn pose(
     view: &BoardView,
     camera: &Camera,
 ) -> Option<uw_geom::Rigid<uw_geom::frame::Camera, uw_geom::frame::Board>> {
-    let pairs: Option<Vec<_>> = view
-        .corners
+    rough_pose(&view.corners, camera)
+}
+
+/// `camera_from_board` of a flat board from its corners in one image, by the camera as far as it is known: a start for an adjustment, or to
+/// tell a person how the board stands. Windows are not in it: behind a flat one in water distances come out by about the index too small,
+/// unless the focal length is given longer by that. `None` where the corners determine none.
+pub fn rough_pose(
+    corners: &[CornerPoint],
+    camera: &Camera,
+) -> Option<uw_geom::Rigid<uw_geom::frame::Camera, uw_geom::frame::Board>> {
+    let pairs: Option<Vec<_>> = corners
         .iter()
         .map(|c| {
             let d = camera.unproject(&c.pixel).ok()?;

@@ -7,7 +7,7 @@ use clap::{
 };
 
 use crate::commands::{
-    calibrate, completions, convert, demo, devices, doctor, fit, info, man, mesh,
+    calibrate, capture_calibration, completions, convert, demo, devices, doctor, fit, info, man, mesh,
     reconstruct, recover, scan, shapes, simulate,
 };
 
@@ -74,6 +74,8 @@ pub enum Command {
     Demo(demo::Args),
     /// Calibrate the instrument from captures of a chessboard, in air, in water or both
     Calibrate(calibrate::Args),
+    /// Capture a chessboard for a calibration: each placement is checked at once, and what is missing is said
+    CaptureCalibration(capture_calibration::Args),
     /// Turn a recorded sweep into a point cloud
     Reconstruct(reconstruct::Args),
     /// Drive galvanometer, laser and camera through a sweep: record it, and make points as it goes

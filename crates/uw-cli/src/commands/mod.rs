@@ -1,6 +1,7 @@
 //! One module a command.
 
 pub mod calibrate;
+pub mod capture_calibration;
 pub mod completions;
 pub mod convert;
 pub mod demo;
@@ -37,6 +38,7 @@ pub fn run(cli: &Cli, console: &Console) -> anyhow::Result<Outcome> {
     match &cli.command {
         Command::Demo(args) => demo::run(args, console),
         Command::Calibrate(args) => calibrate::run(args, console),
+        Command::CaptureCalibration(args) => capture_calibration::run(args, console),
         Command::Reconstruct(args) => reconstruct::run(args, console),
         Command::Scan(args) => scan::run(args, console),
         Command::Fit(args) => fit::run(args, console),

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod bad_captures;
+mod boards;
 #[cfg(unix)]
 mod controller;
 #[cfg(unix)]
