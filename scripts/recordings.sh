@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Recordings before readers that are not ours: the Python packages mcap, mcap-protobuf-support, rosbags and pymcap-cli. Skips itself, saying
-# so, where they can't be had.
+# Recordings before readers that are not ours: the Python packages mcap, mcap-protobuf-support, rosbags and pymcap-cli; a calibration's camera
+# before PyYAML and OpenCV. Skips itself, saying so, where they can't be had.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -11,7 +11,7 @@ trap 'rm -rf "$work"' EXIT
 venv=${UWSCAN_VENV:-$work/venv}
 if [ ! -x "$venv/bin/pymcap-cli" ]; then
     if ! { python3 -m venv "$venv" && "$venv/bin/pip" install --quiet --disable-pip-version-check \
-        'mcap>=1.2' 'mcap-protobuf-support>=0.5' 'pymcap-cli>=0.5' 'rosbags>=0.10' numpy pillow; } >"$work/pip.log" 2>&1; then
+        'mcap>=1.2' 'mcap-protobuf-support>=0.5' 'pymcap-cli>=0.5' 'rosbags>=0.10' numpy pillow pyyaml opencv-python-headless; } >"$work/pip.log" 2>&1; then
         echo "skipped: no Python packages to read recordings with ($(tail -n 1 "$work/pip.log"))"
         exit 0
     fi
@@ -27,4 +27,7 @@ uwscan=${CARGO_TARGET_DIR:-target}/release/uwscan
 "$uwscan" convert --to ros2 "$work/example.mcap" "$work/bag"
 head -c "$(($(stat -c %s "$work/ball.mcap") * 2 / 3))" "$work/ball.mcap" >"$work/torn.mcap"
 "$uwscan" recover "$work/torn.mcap" -o "$work/recovered.mcap" || [ $? = 3 ]
+calibration=${UWSCAN_CALIBRATION:-$work/calibration.toml}
+for to in ros opencv; do "$uwscan" convert "$calibration" "$work/$to.yaml" --to "$to"; done
+python scripts/cameras.py "$calibration" "$work/ros.yaml" "$work/opencv.yaml"
 python scripts/recordings.py "$work/example.mcap" "$work/ball.mcap" "$work/bag" "$work/recovered.mcap"

@@ -12,6 +12,7 @@
 //! | [`rig`] | `rig.toml` | [`Rig`] |
 //! | [`vehicle`] | `vehicle.toml` | [`Vehicle`] |
 //! | [`calibration_toml`] | `calibration.toml` | [`CalibrationFile`] |
+//! | [`camera_yaml`] | ROS's and OpenCV's camera files, written only | a calibration's camera |
 //! | [`images`] | PNG, TIFF, JPEG, PNM | [`GrayImage`] |
 //! | [`clouds`] ([`ply`], [`xyz`]) | PLY; XYZ and CSV | [`uw_cloud::PointCloud`] |
 //! | [`meshes`] ([`ply`], [`stl`], [`obj`], [`glb`]) | PLY, STL, OBJ; GLB, written only | [`uw_cloud::TriangleMesh`] |
@@ -21,6 +22,7 @@
 
 pub mod atomic;
 pub mod calibration_toml;
+pub mod camera_yaml;
 pub mod capture;
 pub mod clouds;
 mod columns;

@@ -6,7 +6,9 @@ use anyhow::bail;
 use clap::{ValueEnum, error::ErrorKind};
 use serde::Serialize;
 use uwscan::io::{
-    Capture, Problem, atomic, clouds,
+    Capture, Problem, atomic, calibration_toml,
+    camera_yaml::{self, Form},
+    clouds,
     convert::{Converted, to_folder, to_recording},
     recording,
     ros2::to_ros2,
@@ -23,11 +25,12 @@ use crate::{
 /// Arguments of `convert`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Capture folder, recording (.mcap) or point cloud (.ply, .xyz, .csv)
+    /// Capture folder, recording (.mcap), point cloud (.ply, .xyz, .csv) or calibration (.toml)
     input: PathBuf,
     /// A capture folder becomes a recording (.mcap), a recording a new folder, a cloud a cloud of another ending
     output: PathBuf,
-    /// Write a capture as something else: ros2 is a rosbag2 (MCAP with CDR messages, metadata.yaml) in a new folder
+    /// Write a capture as ros2, a rosbag2 (MCAP with CDR messages, metadata.yaml) in a new folder; a calibration's camera as ros or opencv, their
+    /// YAML files
     #[arg(long, value_name = "FORMAT")]
     to: Option<To>,
     /// Write a PLY as text rather than binary
@@ -44,6 +47,9 @@ pub struct Args {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum To {
     Ros2,
+    Ros,
+    #[value(name = "opencv")]
+    OpenCv,
 }
 
 #[derive(Serialize)]
@@ -72,15 +78,52 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
                 recording::ENDING
             );
         }
+        if matches!(args.to, Some(To::Ros | To::OpenCv)) {
+            return Err(usage_error(
+                ErrorKind::ArgumentConflict,
+                "--to ros and --to opencv take a calibration",
+            ));
+        }
         return capture(args, console);
     }
-    if args.to.is_some() {
-        return Err(usage_error(
-            ErrorKind::ArgumentConflict,
-            "--to ros2 takes a capture folder or a recording",
-        ));
+    match args.to {
+        Some(To::Ros2) => {
+            Err(usage_error(ErrorKind::ArgumentConflict, "--to ros2 takes a capture folder or a recording"))
+        }
+        Some(To::Ros) => camera(args, Form::Ros, console),
+        Some(To::OpenCv) => camera(args, Form::OpenCv, console),
+        None if has_ending(&args.input, &["yaml", "yml"]) => bail!(
+            "{}: a camera of ROS or OpenCV becomes no calibration: it lacks windows, galvanometer and laser; capture a board with the \
+             instrument, and run uwscan calibrate",
+            args.input.display()
+        ),
+        None if has_ending(&args.input, &["toml"]) => Err(usage_error(
+            ErrorKind::MissingRequiredArgument,
+            "a calibration's camera is written with --to ros or --to opencv",
+        )),
+        None => cloud(args, console),
     }
-    cloud(args, console)
+}
+
+fn has_ending(path: &Path, endings: &[&str]) -> bool {
+    path.extension().is_some_and(|e| endings.iter().any(|ending| e.eq_ignore_ascii_case(ending)))
+}
+
+fn camera(args: &Args, form: Form, console: &Console) -> anyhow::Result<Outcome> {
+    let overwrite = overwrite(args.force);
+    atomic::check(&args.output, overwrite)?;
+    let (calibration, problems) = calibration_toml::read(&args.input)?;
+    let outcome = console.problems(&problems);
+    camera_yaml::write(&args.output, overwrite, &calibration, form)?;
+    console.warn(camera_yaml::LOST);
+    let file = args.output.display().to_string();
+    if args.json {
+        let warnings = output::warnings(&[camera_yaml::LOST.to_owned()], &problems);
+        output::json(&Record { file, images: None, points: None, warnings, lost: output::lost(&problems) })?;
+    } else {
+        output::print(format!("{file}: the camera, without its window\n"))?;
+    }
+    Ok(outcome)
 }
 
 fn capture(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
@@ -100,7 +143,7 @@ fn capture(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     };
     let mut problems: Vec<Problem> = capture.take_problems();
     let converted = match (args.to, folder) {
-        (Some(To::Ros2), _) => to_ros2(&capture, &args.output),
+        (Some(_), _) => to_ros2(&capture, &args.output),
         (None, true) => to_recording(&capture, &args.output, overwrite),
         (None, false) => to_folder(&capture, &args.output),
     };

@@ -3,6 +3,7 @@
 
 mod bad_captures;
 mod boards;
+mod cameras;
 #[cfg(unix)]
 mod controller;
 #[cfg(unix)]

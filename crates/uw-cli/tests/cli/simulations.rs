@@ -100,3 +100,90 @@ fn the_demo_finds_what_is_true_within_its_bars() {
         assert!(target.join(name).exists(), "{name}");
     }
 }
+
+/// A block of 60 × 60 × 20 mm about the origin: corners, and triangles that look outwards.
+const BLOCK: [[f64; 3]; 8] = [
+    [-30.0, -30.0, -10.0],
+    [30.0, -30.0, -10.0],
+    [30.0, 30.0, -10.0],
+    [-30.0, 30.0, -10.0],
+    [-30.0, -30.0, 10.0],
+    [30.0, -30.0, 10.0],
+    [30.0, 30.0, 10.0],
+    [-30.0, 30.0, 10.0],
+];
+const FACES: [[usize; 3]; 12] = [
+    [0, 2, 1],
+    [0, 3, 2],
+    [4, 5, 6],
+    [4, 6, 7],
+    [0, 1, 5],
+    [0, 5, 4],
+    [2, 3, 7],
+    [2, 7, 6],
+    [1, 2, 6],
+    [1, 6, 5],
+    [0, 4, 7],
+    [0, 7, 3],
+];
+
+fn stl() -> String {
+    let vertex = |i: &usize| format!("vertex {} {} {}\n", BLOCK[*i][0], BLOCK[*i][1], BLOCK[*i][2]);
+    let facet = |face: &[usize; 3]| {
+        let vertices: String = face.iter().map(vertex).collect();
+        format!("facet normal 0 0 0\nouter loop\n{vertices}endloop\nendfacet\n")
+    };
+    format!("solid block\n{}endsolid block\n", FACES.iter().map(facet).collect::<String>())
+}
+
+fn ply() -> String {
+    let vertices: String = BLOCK.iter().map(|[x, y, z]| format!("{x} {y} {z}\n")).collect();
+    let faces: String = FACES.iter().map(|[a, b, c]| format!("3 {a} {b} {c}\n")).collect();
+    format!(
+        "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n\
+         element face 12\nproperty list uchar int vertex_indices\nend_header\n{vertices}{faces}"
+    )
+}
+
+#[test]
+fn a_mesh_from_either_file_is_simulated_into_folder_or_recording_and_reconstructed_where_it_stands() {
+    let dir = TempDir::new().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    fs::write(path("block.stl"), stl()).unwrap();
+    fs::write(path("block.ply"), ply()).unwrap();
+    let scene = |mesh: &str| {
+        let calibration = crate::job::calibration();
+        let text = format!(
+            "format = \"uwscan-scene\"\nversion = 1\nseed = 8\n\n[capture]\nkind = \"scan\"\nmedium = \"water\"\n\
+             sweep = {{ from_v = 0.7, to_v = 1.1, steps = 5 }}\n\n[instrument]\ncalibration = {calibration:?}\n\n\
+             [[object]]\nname = \"block\"\nshape = \"mesh\"\nfile = {mesh:?}\nposition_mm = [12.0, -21.0, 850.0]\nalbedo = 0.5\n"
+        );
+        fs::write(path("scene.toml"), text).unwrap();
+        path("scene.toml")
+    };
+    for (mesh, output) in [("block.stl", "folder"), ("block.ply", "scan.mcap")] {
+        let (scene, output) = (scene(mesh), path(output));
+        uwscan(["simulate".as_ref(), scene.as_os_str(), "-o".as_ref(), output.as_os_str()]).text();
+    }
+    let info = uwscan(["info", path("scan.mcap").to_str().unwrap(), "--json"]).json(0);
+    assert_eq!((&info["images"], &info["sound"]), (&5.into(), &true.into()), "{info}");
+    crate::job::reconstruct(&path("folder"), &path("folder.ply"), &[]).text();
+    crate::job::reconstruct(&path("scan.mcap"), &path("scan.ply"), &[]).text();
+    assert!(fs::read(path("folder.ply")).unwrap() == fs::read(path("scan.ply")).unwrap());
+    // The side that camera and laser see stands 10 mm before the block's middle.
+    crate::job::reconstruct(&path("folder"), &path("folder.xyz"), &[]).text();
+    let text = fs::read_to_string(path("folder.xyz")).unwrap();
+    let depths = text.lines().filter(|line| !line.starts_with('#'));
+    let mut depths: Vec<f64> = depths.map(|line| line.split(' ').nth(2).unwrap().parse().unwrap()).collect();
+    depths.sort_by(f64::total_cmp);
+    assert!(depths.len() > 300, "{} points", depths.len());
+    let off = |share: f64| depths[(share * (depths.len() - 1) as f64) as usize] - 840.0;
+    // Noise of single points, mm.
+    assert!(
+        off(0.5).abs() < 0.02 && off(0.05) > -0.3 && off(0.95) < 0.3,
+        "{} {} {}",
+        off(0.05),
+        off(0.5),
+        off(0.95)
+    );
+}
