@@ -5,3 +5,4 @@ mod layers;
 mod real_scan;
 mod scan;
 mod shared_errors;
+mod simulated_corners;
