@@ -177,6 +177,15 @@ pub enum Error {
         /// How far, mm.
         miss_mm: f64,
     },
+    /// A folder without recordings.
+    #[error("{}: there is no recording in it: capture folders (with capture.toml) and files that end in .mcap are looked for, in its folders too", path.display())]
+    NoRecording {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The work was given up because [`crate::pipeline::Progress::cancelled`] said so.
+    #[error("given up before the end, as asked")]
+    Cancelled,
     /// A capture was given twice: its measurements would count as twice as many.
     #[error("{}: the same capture as {}: give each once", path.display(), other.display())]
     Twice {

@@ -52,6 +52,10 @@ pub(crate) fn find<'c>(
     let found: Vec<Result<Result<Detection, Rejection>, uw_io::Error>> = frames
         .par_iter()
         .map(|frame| {
+            if progress.cancelled() {
+                // Nobody sees it: all of it ends below.
+                return Ok(Err(Rejection::NoBoard { candidates: 0 }));
+            }
             let image = reading.board(capture, frame);
             let detection = image.map(|image| match grey_view(&image) {
                 Ok(view) => detect(&view, &board),
@@ -62,6 +66,9 @@ pub(crate) fn find<'c>(
         })
         .collect();
 
+    if progress.cancelled() {
+        return Err(Error::Cancelled);
+    }
     let mut boards = Boards { seen: BTreeMap::new(), square_mm: board.square_mm() };
     let (mut read, mut detections, mut losses) = (Vec::new(), Vec::new(), Vec::new());
     for (frame, found) in std::iter::zip(frames, found) {

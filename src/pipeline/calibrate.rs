@@ -8,6 +8,7 @@ use crate::{Error, Failure, Notes};
 use nalgebra::Vector2;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
+use uw_calib::lm::LmError;
 use uw_calib::{
     Across, BoardView, CalibError, Method, Observations, Outside, Rejected, StripePoint, StripeView,
 };
@@ -59,7 +60,7 @@ pub fn calibrate(
     let Observed { observations, rig, sources, rejected, problems } = observe(captures, settings, progress)?;
     progress.begin("adjustment", 1);
     let solved = rig.to_calib().map_err(CalibError::from).and_then(|known| match settings.method {
-        Method::Joint => uw_calib::calibrate(&observations, &known),
+        Method::Joint => uw_calib::calibrate_until(&observations, &known, &|| progress.cancelled()),
         Method::Paper => uw_calib::calibrate_by_paper(&observations, &known),
     });
     progress.step();
@@ -67,7 +68,11 @@ pub fn calibrate(
         Ok(calibration) => calibration,
         Err(error) => {
             let notes = Notes { problems, rejected, ..Notes::default() };
-            return Err(Failure { error: Box::new(error.into()), notes });
+            let error = match error {
+                CalibError::Adjustment(LmError::Stopped) => Error::Cancelled,
+                error => error.into(),
+            };
+            return Err(Failure { error: Box::new(error), notes });
         }
     };
     calibration.statistics.rejected.splice(..0, rejected);
@@ -224,6 +229,9 @@ fn stripes<'c>(
     let extracted: Vec<Result<Result<StripeView, uw_io::Error>, Error>> = frames
         .par_iter()
         .map_init(make, |extractor, frame| {
+            if progress.cancelled() {
+                return Err(Error::Cancelled);
+            }
             let path = capture.image_path(frame);
             let extractor =
                 extractor.as_mut().map_err(|e| Error::Stripe { path: path.clone(), source: e.clone() })?;

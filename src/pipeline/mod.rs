@@ -14,8 +14,10 @@
 //! | doctor | `doctor` | vehicle file | findings: what is wrong, where, and how to mend it | what a scan needs of files, drives, camera, disk, clock | a finding |
 //! | simulate | `simulate` | scene file | capture, truth | true instrument, scene at each exposure | [`crate::Error::Simulation`] |
 //! | demo | `demo` | scenes compiled in | figures beside their truth | what has to come out how well | [`crate::Failure`] |
+//! | batch | [`batch`] | folder of recordings, calibration | a cloud and a result each, one table | what is there already, what is no scan | a recording that fails is a row of the table |
 //! | uncertainty | [`uncertainty`] | cloud, calibration, fit | the calibration's part of its covariance | whether the cloud came of that calibration | [`crate::Error::OtherCalibration`] |
 
+pub mod batch;
 mod boards;
 pub mod calibrate;
 pub mod capture;
@@ -42,6 +44,10 @@ pub trait Progress: Sync {
     fn more(&self, _steps: usize) {}
     /// What there is to say besides, in a few words; the last is the one that counts.
     fn note(&self, _text: &str) {}
+    /// Whether the work is to be given up: asked before every step, from any thread, and then [`crate::Error::Cancelled`] comes of it.
+    fn cancelled(&self) -> bool {
+        false
+    }
 }
 
 /// Tells nobody.

@@ -192,6 +192,9 @@ fn points(
                 .map_init(
                     || Extractor::new(options.clone()),
                     |extractor, frame| {
+                        if progress.cancelled() {
+                            return Err(Error::Cancelled);
+                        }
                         let path = capture.image_path(frame);
                         let extractor = extractor
                             .as_mut()

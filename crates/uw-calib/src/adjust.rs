@@ -52,14 +52,18 @@ pub fn adjustment<'a>(
     observations: &'a Observations,
     rig: &'a Rig,
 ) -> Result<Adjustment<impl Model + 'a>, CalibError> {
-    let (start, used, scales) = begin(observations, rig)?;
+    let (start, used, scales) = begin(observations, rig, &never)?;
     let (used, loss) = (Cow::Owned(used), Loss::Huber(HUBER_SIGMAS));
-    let model = Joint { rig, observations, used, scales, loss, extent: Extent::Whole };
+    let model = Joint { rig, observations, used, scales, loss, extent: Extent::Whole, stop: &never };
     Ok(Adjustment { model, start })
 }
 
 /// Camera and boards from the corners, the rest as the rig says; which measurements take part at first, and their scales.
-fn begin(observations: &Observations, rig: &Rig) -> Result<(State, Used, Scales), CalibError> {
+fn begin(
+    observations: &Observations,
+    rig: &Rig,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<(State, Used, Scales), CalibError> {
     let mut state = start::start(observations, rig)?;
     diagnostics::refuse(&state)?;
 
@@ -67,7 +71,7 @@ fn begin(observations: &Observations, rig: &Rig) -> Result<(State, Used, Scales)
     // Corners alone place camera and boards before stripes are judged by them.
     let scales = Scales { corner: 1.0, stripe: 1.0, stripe_pooled: 1.0 };
     let (all, loss) = (Cow::Borrowed(&used), Loss::Huber(HUBER_SIGMAS));
-    let corners_only = Joint { rig, observations, used: all, scales, loss, extent: Extent::CameraSide };
+    let corners_only = Joint { rig, observations, used: all, scales, loss, extent: Extent::CameraSide, stop };
     state = solve(&corners_only, state)?.state;
     // Once more: an uncalibrated lens makes parallel boards look tilted.
     diagnostics::refuse(&state)?;
@@ -82,7 +86,23 @@ fn begin(observations: &Observations, rig: &Rig) -> Result<(State, Used, Scales)
 /// # Errors
 /// [`CalibError`] with what to capture, for sets that determine no calibration.
 pub fn calibrate(observations: &Observations, rig: &Rig) -> Result<Calibration, CalibError> {
-    let (mut state, mut used, mut scales) = begin(observations, rig)?;
+    calibrate_until(observations, rig, &never)
+}
+
+fn never() -> bool {
+    false
+}
+
+/// As [`calibrate`], given up as soon as `stop` says so: it is asked before every iteration, from the calling thread.
+///
+/// # Errors
+/// As [`calibrate`]; [`crate::lm::LmError::Stopped`] where it was given up.
+pub fn calibrate_until(
+    observations: &Observations,
+    rig: &Rig,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Calibration, CalibError> {
+    let (mut state, mut used, mut scales) = begin(observations, rig, stop)?;
     let mut rejected = Vec::new();
     let mut solved = None;
     for round in 0..ROUNDS {
@@ -93,7 +113,7 @@ pub fn calibrate(observations: &Observations, rig: &Rig) -> Result<Calibration, 
         }
         let loss = if last { Loss::Squared } else { Loss::Huber(HUBER_SIGMAS) };
         let kept = Cow::Borrowed(&used);
-        let problem = Joint { rig, observations, used: kept, scales, loss, extent: Extent::Whole };
+        let problem = Joint { rig, observations, used: kept, scales, loss, extent: Extent::Whole, stop };
         let result = solve(&problem, state)?;
         state = result.state.clone();
         solved = Some(result);

@@ -63,6 +63,8 @@ pub(crate) struct Joint<'a> {
     pub(crate) scales: Scales,
     pub(crate) loss: Loss,
     pub(crate) extent: Extent,
+    /// Whether to give up.
+    pub(crate) stop: &'a (dyn Fn() -> bool + Sync),
 }
 
 /// How much of the instrument is adjusted.
@@ -234,6 +236,10 @@ impl Model for Joint<'_> {
             })
             .collect();
         Some(costs?.iter().sum())
+    }
+
+    fn stopped(&self) -> bool {
+        (self.stop)()
     }
 
     fn retract(&self, state: &State, step: &Step) -> State {

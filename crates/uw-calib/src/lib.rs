@@ -17,7 +17,7 @@ mod sheets;
 mod sight;
 mod start;
 
-pub use adjust::{Adjustment, adjustment, calibrate};
+pub use adjust::{Adjustment, adjustment, calibrate, calibrate_until};
 pub use calibration::{Calibration, CorrelatedPair, Method, Rejected, Statistics, WorstImage};
 pub use data::{Across, BoardView, CornerPoint, Observations, Outside, Priors, Rig, StripePoint, StripeView};
 pub use error::CalibError;

@@ -28,6 +28,11 @@ pub trait Model {
 
     /// Returns the state moved by `step`.
     fn retract(&self, state: &Self::State, step: &Step) -> Self::State;
+
+    /// Returns whether to give up; asked before every iteration.
+    fn stopped(&self) -> bool {
+        false
+    }
 }
 
 /// Limits of the iteration.
@@ -102,6 +107,9 @@ pub enum LmError {
     /// The start lies where the model is not defined, or has residuals that are not finite.
     #[error("the start values lie outside the model's domain")]
     Start,
+    /// [`Model::stopped`] said so.
+    #[error("given up before the end, as asked")]
+    Stopped,
     /// A parameter is not determined.
     #[error(
         "{unknown} is not determined by the data: {share:.1e} of its information is its own, needed 1e-13"
@@ -122,7 +130,7 @@ const LAMBDA_MIN: f64 = 1e-15;
 /// Returns the local minimum of Σρ that descent from `start` leads to.
 ///
 /// # Errors
-/// [`LmError::Start`]; [`LmError::Singular`] when even the damped equations have no solution (a parameter
+/// [`LmError::Start`]; [`LmError::Stopped`]; [`LmError::Singular`] when even the damped equations have no solution (a parameter
 /// without any residual).
 pub fn solve<M: Model>(model: &M, start: M::State, options: &Options) -> Result<Solution<M::State>, LmError> {
     let mut state = start;
@@ -131,6 +139,9 @@ pub fn solve<M: Model>(model: &M, start: M::State, options: &Options) -> Result<
     let mut lambda = options.lambda.max(LAMBDA_MIN);
     let mut iterations = 1;
     loop {
+        if model.stopped() {
+            return Err(LmError::Stopped);
+        }
         // −gᵀδ of the undamped step is its squared length in sigmas; a singular matrix has no such length
         // yet.
         let remaining_sigmas = normal.solve(0.0).map_or(f64::INFINITY, |full| full.decrease.max(0.0).sqrt());

@@ -7,7 +7,7 @@ use clap::{
 };
 
 use crate::commands::{
-    calibrate, capture_calibration, completions, convert, demo, devices, doctor, fit, info, man, mesh,
+    batch, calibrate, capture_calibration, completions, convert, demo, devices, doctor, fit, info, man, mesh,
     reconstruct, recover, scan, shapes, simulate,
 };
 
@@ -78,6 +78,8 @@ pub enum Command {
     CaptureCalibration(capture_calibration::Args),
     /// Turn a recorded sweep into a point cloud
     Reconstruct(reconstruct::Args),
+    /// Reconstruct all recordings of a folder; a second run does what is missing
+    Batch(batch::Args),
     /// Drive galvanometer, laser and camera through a sweep: record it, and make points as it goes
     Scan(scan::Args),
     /// Fit one shape to a point cloud, robustly, with uncertainty and deviations

@@ -18,9 +18,11 @@
 //! | [`meshes`] ([`ply`], [`stl`], [`obj`], [`glb`]) | PLY, STL, OBJ; GLB, written only | [`uw_cloud::TriangleMesh`] |
 //! | [`scene`] | `scene.toml`, what a simulation shows | [`scene::SceneFile`] |
 //! | [`disk`] | room and names where files go | |
+//! | [`batch`] | `.result.toml`, `table.csv`: what became of an archive's recordings | [`batch::ResultRecord`] |
 //! | [`atomic`] | any output | written whole or not at all |
 
 pub mod atomic;
+pub mod batch;
 pub mod calibration_toml;
 pub mod camera_yaml;
 pub mod capture;

@@ -41,19 +41,21 @@ const TRUTH: &str = "truth";
 const AHEAD: usize = 4;
 
 /// Simulates what a scene file asks for: into a capture folder (its truth in its folder `truth`), or a recording where the name ends in
-/// `.mcap` (its truth in a folder `NAME.truth` beside it). Every image follows from the scene alone, on any number of threads.
+/// `.mcap` (its truth in a folder `NAME.truth` beside it). Every image follows from the scene alone, on any number of threads. A `rig` replaces the rig file
+/// that the scene names.
 ///
 /// # Errors
 /// [`Failure`] where a file is wrong, says what can't be, or the output can't be written: then there is none.
 pub fn simulate(
     scene: &Path,
+    rig: Option<&Path>,
     output: &Path,
     overwrite: Overwrite,
     progress: &dyn Progress,
 ) -> Result<Simulated, Failure> {
     let mut notes = Notes::default();
     let made =
-        Plan::read(scene, &mut notes.problems).and_then(|plan| run(&plan, output, overwrite, progress));
+        Plan::read(scene, rig, &mut notes.problems).and_then(|plan| run(&plan, output, overwrite, progress));
     match made {
         Ok((made, _)) => Ok(Simulated { problems: notes.problems, ..made }),
         Err(error) => Err(Failure { error: Box::new(error), notes }),
@@ -183,6 +185,9 @@ fn fill(plan: &Plan, folder: &Path, progress: &dyn Progress) -> Result<Vec<Strip
         .par_iter()
         .enumerate()
         .map(|(k, frame)| {
+            if progress.cancelled() {
+                return Err(Error::Cancelled);
+            }
             let (picture, points) = studio.frame(k)?;
             let path = folder.join(&frame.record.file);
             write(&path, images::encode_png(&gray(picture), &path)?)?;
@@ -230,6 +235,9 @@ fn fill_recording(
     for start in (0..plan.frames.len()).step_by(ahead) {
         let end = (start + ahead).min(plan.frames.len());
         let made = (start..end).into_par_iter().map(|k| {
+            if progress.cancelled() {
+                return Err(Error::Cancelled);
+            }
             let made = studio.frame(k);
             progress.step();
             made

@@ -34,11 +34,15 @@ pub(crate) struct Planned {
 }
 
 impl Plan {
-    /// The plan of a scene file.
+    /// The plan of a scene file, with the rig of another file where one is given.
     ///
     /// # Errors
     /// [`Error`] where a file is wrong, or says what can't be.
-    pub(crate) fn read(path: &Path, problems: &mut Vec<Problem>) -> Result<Self, Error> {
+    pub(crate) fn read(
+        path: &Path,
+        given: Option<&Path>,
+        problems: &mut Vec<Problem>,
+    ) -> Result<Self, Error> {
         let (file, warnings) = SceneFile::read(path)?;
         problems.extend(warnings);
         let folder = path.parent().unwrap_or(Path::new(""));
@@ -49,9 +53,10 @@ impl Plan {
             problems.extend(warnings);
             calibration
         });
-        let rig = match (&calibration, beside(&file.instrument.rig)) {
-            (Some(calibration), _) => calibration.rig.clone(),
-            (None, Some(path)) => {
+        let beside_it = if calibration.is_none() { beside(&file.instrument.rig) } else { None };
+        let rig = match (&calibration, given.map(Path::to_owned).or(beside_it)) {
+            (Some(calibration), None) => calibration.rig.clone(),
+            (_, Some(path)) => {
                 let (rig, warnings) = Rig::read(&path)?;
                 problems.extend(warnings);
                 rig

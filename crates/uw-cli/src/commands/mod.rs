@@ -1,5 +1,6 @@
 //! One module a command.
 
+pub mod batch;
 pub mod calibrate;
 pub mod capture_calibration;
 pub mod completions;
@@ -40,6 +41,7 @@ pub fn run(cli: &Cli, console: &Console) -> anyhow::Result<Outcome> {
         Command::Calibrate(args) => calibrate::run(args, console),
         Command::CaptureCalibration(args) => capture_calibration::run(args, console),
         Command::Reconstruct(args) => reconstruct::run(args, console),
+        Command::Batch(args) => batch::run(args, console),
         Command::Scan(args) => scan::run(args, console),
         Command::Fit(args) => fit::run(args, console),
         Command::Mesh(args) => mesh::run(args, console),

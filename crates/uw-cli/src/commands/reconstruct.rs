@@ -32,6 +32,23 @@ pub struct Args {
     /// Cloud to write: .ply (binary), .xyz or .csv (text)
     #[arg(short, long, value_name = "FILE", value_parser = CloudFile::parser())]
     output: CloudFile,
+    /// How
+    #[command(flatten)]
+    how: How,
+    /// Write a PLY as text rather than binary
+    #[arg(long)]
+    ascii: bool,
+    /// Replace the output if it exists
+    #[arg(long)]
+    force: bool,
+    /// Print one JSON object instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+/// How to reconstruct: the arguments that `reconstruct` and `batch` share.
+#[derive(Debug, clap::Args)]
+pub struct How {
     /// How a stripe's centre is estimated
     #[arg(long, value_name = "METHOD", default_value = "precise")]
     stripe: StripeArg,
@@ -57,15 +74,6 @@ pub struct Args {
     /// Depth below the surface, m
     #[arg(long, value_name = "M", value_parser = depth, requires_all = ["temperature", "salinity"])]
     depth: Option<f64>,
-    /// Write a PLY as text rather than binary
-    #[arg(long)]
-    ascii: bool,
-    /// Replace the output if it exists
-    #[arg(long)]
-    force: bool,
-    /// Print one JSON object instead of text
-    #[arg(long)]
-    json: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -189,7 +197,7 @@ struct ThreadSeconds {
 /// No cloud, or it can't be written.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
-    let settings = settings(args)?;
+    let settings = args.how.settings()?;
     let overwrite = overwrite(args.force);
     atomic::check(&args.output.path, overwrite)?;
     let (calibration, mut problems) = calibration_toml::read(&args.calibration)?;
@@ -211,8 +219,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         frames: made.frames,
         rejected: &made.rejected,
         frame: made.cloud.frame().name(),
-        stripe: args.stripe.method().name(),
-        refraction: args.refraction.name(),
+        stripe: args.how.stripe.method().name(),
+        refraction: args.how.refraction.name(),
         index: made.index,
         warnings: output::warnings(&made.warnings, &problems),
         lost: output::lost(&problems),
@@ -233,35 +241,42 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     Ok(outcome)
 }
 
-fn settings(args: &Args) -> anyhow::Result<Settings> {
-    let water = match (args.water_index, args.temperature, args.salinity, args.depth) {
-        (Some(index), ..) => WaterIndex::Given(index),
-        (None, Some(temperature_c), Some(salinity_psu), Some(depth_m)) => {
-            WaterIndex::Properties { temperature_c, salinity_psu, depth_m }
+impl How {
+    /// The settings that were asked for.
+    ///
+    /// # Errors
+    /// Arguments that don't go together.
+    pub fn settings(&self) -> anyhow::Result<Settings> {
+        let water = match (self.water_index, self.temperature, self.salinity, self.depth) {
+            (Some(index), ..) => WaterIndex::Given(index),
+            (None, Some(temperature_c), Some(salinity_psu), Some(depth_m)) => {
+                WaterIndex::Properties { temperature_c, salinity_psu, depth_m }
+            }
+            _ => WaterIndex::Calibrated,
+        };
+        if self.medium == Some(MediumArg::Air) && water != WaterIndex::Calibrated {
+            let message =
+                "--medium air leaves no water for --water-index, --temperature, --salinity and --depth";
+            return Err(usage_error(ErrorKind::ArgumentConflict, message));
         }
-        _ => WaterIndex::Calibrated,
-    };
-    if args.medium == Some(MediumArg::Air) && water != WaterIndex::Calibrated {
-        let message = "--medium air leaves no water for --water-index, --temperature, --salinity and --depth";
-        return Err(usage_error(ErrorKind::ArgumentConflict, message));
+        Ok(Settings {
+            stripe: self.stripe.method(),
+            refraction: match self.refraction {
+                RefractionArg::Exact => Refraction::Exact,
+                RefractionArg::Paper => Refraction::Paper,
+                RefractionArg::None => Refraction::None,
+            },
+            frame: match self.frame {
+                FrameArg::Camera => Frame::Camera,
+                FrameArg::Galvo => Frame::Galvo,
+            },
+            medium: self.medium.map(|medium| match medium {
+                MediumArg::Air => Medium::Air,
+                MediumArg::Water => Medium::Water,
+            }),
+            water,
+        })
     }
-    Ok(Settings {
-        stripe: args.stripe.method(),
-        refraction: match args.refraction {
-            RefractionArg::Exact => Refraction::Exact,
-            RefractionArg::Paper => Refraction::Paper,
-            RefractionArg::None => Refraction::None,
-        },
-        frame: match args.frame {
-            FrameArg::Camera => Frame::Camera,
-            FrameArg::Galvo => Frame::Galvo,
-        },
-        medium: args.medium.map(|medium| match medium {
-            MediumArg::Air => Medium::Air,
-            MediumArg::Water => Medium::Water,
-        }),
-        water,
-    })
 }
 
 fn text(args: &Args, made: &Reconstructed, record: &Record<'_>) -> String {

@@ -39,7 +39,7 @@ struct Record {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
     let progress = Progress::new(console);
-    let result = simulate(&args.scene, &args.output, overwrite(args.force), &progress);
+    let result = simulate(&args.scene, None, &args.output, overwrite(args.force), &progress);
     drop(progress);
     let Simulated { frames, stripe_points, truth, problems } =
         result.map_err(|failure| console.failure(failure))?;

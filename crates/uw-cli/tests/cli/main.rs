@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod bad_captures;
+mod batches;
 mod boards;
 mod cameras;
 #[cfg(unix)]
