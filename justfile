@@ -79,3 +79,11 @@ picture:
     cargo run --release --locked --package uw-cli -- calibrate fixtures/cal-air fixtures/cal-water -o target/picture/calibration.toml --force
     cargo run --release --locked --package uw-cli -- reconstruct fixtures/cover -c target/picture/calibration.toml -o target/picture/cover.ply --force
     python3 docs/images/overview.py
+
+# The Python package: build, lints, tests
+python:
+    scripts/python.sh
+
+# Calls from Python beside the same work in Rust, OpenCV and NumPy in the same run
+python-speed CALIBRATION:
+    .venv/bin/python benches/peers/python.py {{CALIBRATION}}

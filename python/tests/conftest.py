@@ -1,0 +1,44 @@
+"""The repository's fixtures, and one calibration for all tests."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from helpers import FIXTURES, ROOT
+
+import uwscan
+
+
+@pytest.fixture(autouse=True)
+def _at_the_root(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Doctests name fixtures by their path in the repository.
+    monkeypatch.chdir(ROOT)
+
+
+@pytest.fixture(scope="session")
+def calibration(tmp_path_factory: pytest.TempPathFactory) -> uwscan.Calibration:
+    cached = os.environ.get("UWSCAN_CALIBRATION")
+    return uwscan.Calibration.load(cached) if cached else uwscan.calibrate([FIXTURES / "cal-air", FIXTURES / "cal-water"])
+
+
+@pytest.fixture(scope="session")
+def calibration_file(calibration: uwscan.Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("calibration") / "calibration.toml"
+    calibration.save(path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def cloud(calibration: uwscan.Calibration) -> uwscan.Cloud:
+    return uwscan.reconstruct(FIXTURES / "ball", calibration)
+
+
+@pytest.fixture(scope="session")
+def binary() -> Path:
+    """The command, built from the same sources; UWSCAN names one that is there."""
+    given = os.environ.get("UWSCAN")
+    if given is None:
+        pytest.skip("UWSCAN names no binary of the command to compare with")
+    return Path(given)
