@@ -67,8 +67,9 @@ fn an_archive_is_done_around_what_is_corrupt_and_a_second_run_does_what_is_missi
     // What reconstruct makes of one by itself.
     let alone = dir.path().join("alone.ply");
     let one = archive.join("one");
-    uwscan(["reconstruct", one.to_str().unwrap(), "-c", &calibration, "-o", alone.to_str().unwrap(), "-q"])
-        .text();
+    let run =
+        uwscan(["reconstruct", one.to_str().unwrap(), "-c", &calibration, "-o", alone.to_str().unwrap()]);
+    assert_eq!(run.code, Some(0), "{}", run.stderr);
     assert_eq!(fs::read(out.join("one.ply")).unwrap(), fs::read(&alone).unwrap());
 
     let (kept, redone) = (out.join("one.ply"), out.join("deep/two.ply"));
