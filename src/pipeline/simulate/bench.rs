@@ -59,7 +59,7 @@ impl Placement {
 /// [`Failure`] where a file is wrong, or says what can't be.
 pub fn simulated_camera(scene: &Path, began_ns: i64) -> Result<SimulatedCamera, Failure> {
     let mut notes = Notes::default();
-    let made = Plan::read(scene, &mut notes.problems).and_then(|plan| {
+    let made = Plan::read(scene, None, &mut notes.problems).and_then(|plan| {
         let (size, bits) = (plan.instrument.size, plan.instrument.sensor.bits);
         let exposure_s = plan.file.capture.exposure_ms / 1000.0;
         let see = |scene| uw_sim::camera_sees(plan.instrument.clone(), scene, began_ns, exposure_s);
