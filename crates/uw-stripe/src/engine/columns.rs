@@ -3,7 +3,7 @@
 use fearless_simd::{Select, Simd, SimdBase, SimdInt, SimdMask};
 
 use super::front::{Blocks, Front, NOWHERE, Wanted, least_second, least_second_in_the_dark};
-use super::lanes::MOST_LANES;
+use super::lanes::{MOST_LANES, splat, vector};
 use super::maxima::{Layout, maxima, maxima_of_few};
 use crate::{Pixel, Roi, View};
 
@@ -36,37 +36,25 @@ impl<P: Pixel> Front<P> {
     #[inline(always)]
     fn strip<S: Simd>(&mut self, simd: S, image: &View<'_, P>, blocks: Blocks, wanted: Wanted, strip: usize) {
         let reach = reach(wanted, blocks);
-        let splat = |v: P| P::V::<S>::splat(simd, v);
-        let none = splat(P::MAX);
         let map = &self.map[strip * blocks.count * P::N..(strip + 1) * blocks.count * P::N];
         let Some(noise) = wanted.second else {
             let mut best = Best::<S, P>::new(simd, P::ZERO);
-            contrasts(simd, map, reach, |number, contrast| best.see(number, contrast));
+            contrasts(simd, map, reach, &mut best);
             self.locate(simd, image, blocks, strip, 0, best.place);
             return;
         };
         // What is bright enough for a second candidate nearly always lies next to the first: then there is none.
-        let dark = splat(P::from_dn(least_second_in_the_dark(&noise)));
-        let (mut best, mut first, mut last) = (Best::<S, P>::new(simd, P::ZERO), none, splat(P::ZERO));
-        contrasts(simd, map, reach, |number, contrast| {
-            best.see(number, contrast);
-            let bright = contrast.simd_gt(dark);
-            first = first.min(bright.select(number, none));
-            last = bright.select(number, last);
-        });
-        let strongest = best.place;
-        let one = splat(P::from_index(1));
-        let above = strongest.saturating_sub(first).simd_gt(one);
-        if above.any_true() || last.saturating_sub(strongest).simd_gt(one).any_true() {
+        let mut look = BestAndBright::<S, P>::new(simd, P::from_dn(least_second_in_the_dark(&noise)));
+        contrasts(simd, map, reach, &mut look);
+        let strongest = look.best.place;
+        let one = splat(simd, P::from_index(1));
+        let above = strongest.saturating_sub(look.first).simd_gt(one);
+        if above.any_true() || look.last.saturating_sub(strongest).simd_gt(one).any_true() {
             let least = P::from_dn(least_second(&noise, &self.map));
             let map = &self.map[strip * blocks.count * P::N..(strip + 1) * blocks.count * P::N];
-            let mut best = Best::<S, P>::new(simd, least);
-            contrasts(simd, map, reach, |number, contrast| {
-                // A neighbour of the strongest is its other part.
-                let apart = (number.max(strongest) - number.min(strongest)).simd_gt(one);
-                best.see(number, apart.select(contrast, splat(P::ZERO)));
-            });
-            self.locate(simd, image, blocks, strip, 1, best.place);
+            let mut look = BestApart { simd, best: Best::<S, P>::new(simd, least), strongest };
+            contrasts(simd, map, reach, &mut look);
+            self.locate(simd, image, blocks, strip, 1, look.best.place);
         }
         self.locate(simd, image, blocks, strip, 0, strongest);
     }
@@ -83,22 +71,21 @@ impl<P: Pixel> Front<P> {
         place: P::V<S>,
     ) {
         let x = (strip * P::N).min(blocks.roi.width - P::N);
-        let none = P::V::<S>::splat(simd, P::MAX);
+        let none = splat(simd, P::MAX);
         // Wraps for those that have no place, which then are the least.
-        let one = P::V::<S>::splat(simd, P::from_index(1));
+        let one = splat(simd, P::from_index(1));
         let (low, high) = (place.reduce_min(), (place + one).reduce_max());
         let out = &mut self.places[rank].at[x..x + P::N];
         if low == P::MAX {
             return;
         }
         for block in low.index()..high.index() {
-            let mine = place.simd_eq(P::V::<S>::splat(simd, P::from_index(block as u8)));
+            let mine = place.simd_eq(splat(simd, P::from_index(block as u8)));
             if !mine.any_true() {
                 continue;
             }
             let block = block as usize;
-            let best =
-                P::V::<S>::from_slice(simd, &self.map[(strip * blocks.count + block) * P::N..][..P::N]);
+            let best = vector(simd, &self.map[(strip * blocks.count + block) * P::N..][..P::N]);
             let range = blocks.range(block);
             let (pixels, stride) = image.starting_at(blocks.roi.x + x, blocks.roi.y + range.start);
             // Blocks of very tall images have more rows than a byte can number: parts of them.
@@ -106,8 +93,8 @@ impl<P: Pixel> Front<P> {
             for part in (0..range.len()).step_by(most).rev() {
                 let mut row = none;
                 for r in (part..(part + most).min(range.len())).rev() {
-                    let here = P::V::<S>::from_slice(simd, &pixels[r * stride..][..P::N]);
-                    let number = P::V::<S>::splat(simd, P::from_index((r - part) as u8));
+                    let here = vector(simd, &pixels[r * stride..][..P::N]);
+                    let number = splat(simd, P::from_index((r - part) as u8));
                     row = here.simd_eq(best).select(number, row);
                 }
                 let row = mine.select(row, none);
@@ -167,6 +154,12 @@ fn around<P: Pixel>(before: Option<P>, after: Option<P>) -> P {
     }
 }
 
+/// What is told the blocks of a vector of columns one after the other, their number and how far they stand out. A trait instead of a closure,
+/// which the compiler may leave outside the processor's features.
+trait Look<S: Simd, P: Pixel> {
+    fn see(&mut self, number: P::V<S>, contrast: P::V<S>);
+}
+
 /// What stands highest so far, and the number of its block; the first of equals.
 struct Best<S: Simd, P: Pixel> {
     height: P::V<S>,
@@ -176,9 +169,11 @@ struct Best<S: Simd, P: Pixel> {
 impl<S: Simd, P: Pixel> Best<S, P> {
     #[inline(always)]
     fn new(simd: S, least: P) -> Self {
-        Self { height: P::V::<S>::splat(simd, least), place: P::V::<S>::splat(simd, P::MAX) }
+        Self { height: splat(simd, least), place: splat(simd, P::MAX) }
     }
+}
 
+impl<S: Simd, P: Pixel> Look<S, P> for Best<S, P> {
     #[inline(always)]
     fn see(&mut self, number: P::V<S>, contrast: P::V<S>) {
         self.place = contrast.simd_gt(self.height).select(number, self.place);
@@ -186,32 +181,77 @@ impl<S: Simd, P: Pixel> Best<S, P> {
     }
 }
 
+/// The same, and the first and last block that is bright enough for a second candidate.
+struct BestAndBright<S: Simd, P: Pixel> {
+    best: Best<S, P>,
+    dark: P::V<S>,
+    none: P::V<S>,
+    first: P::V<S>,
+    last: P::V<S>,
+}
+
+impl<S: Simd, P: Pixel> BestAndBright<S, P> {
+    #[inline(always)]
+    fn new(simd: S, dark: P) -> Self {
+        let (none, least) = (splat(simd, P::MAX), splat(simd, P::ZERO));
+        Self { best: Best::new(simd, P::ZERO), dark: splat(simd, dark), none, first: none, last: least }
+    }
+}
+
+impl<S: Simd, P: Pixel> Look<S, P> for BestAndBright<S, P> {
+    #[inline(always)]
+    fn see(&mut self, number: P::V<S>, contrast: P::V<S>) {
+        self.best.see(number, contrast);
+        let bright = contrast.simd_gt(self.dark);
+        self.first = self.first.min(bright.select(number, self.none));
+        self.last = bright.select(number, self.last);
+    }
+}
+
+/// What stands highest apart from the strongest.
+struct BestApart<S: Simd, P: Pixel> {
+    simd: S,
+    best: Best<S, P>,
+    strongest: P::V<S>,
+}
+
+impl<S: Simd, P: Pixel> Look<S, P> for BestApart<S, P> {
+    #[inline(always)]
+    fn see(&mut self, number: P::V<S>, contrast: P::V<S>) {
+        // A neighbour of the strongest is its other part.
+        let distance = number.max(self.strongest) - number.min(self.strongest);
+        let apart = distance.simd_gt(splat(self.simd, P::from_index(1)));
+        self.best.see(number, apart.select(contrast, splat(self.simd, P::ZERO)));
+    }
+}
+
 /// How far each block of a vector of columns stands out of those a reach away, with its number, in their order; of two such blocks the lower
 /// counts, or the one there is.
 #[inline(always)]
-fn contrasts<S: Simd, P: Pixel>(simd: S, map: &[P], reach: usize, mut see: impl FnMut(P::V<S>, P::V<S>)) {
+fn contrasts<S: Simd, P: Pixel>(simd: S, map: &[P], reach: usize, look: &mut impl Look<S, P>) {
     let count = map.len() / P::N;
-    let one = P::V::<S>::splat(simd, P::from_index(1));
-    let mut number = P::V::<S>::splat(simd, P::ZERO);
-    let load = |v: &[P]| P::V::<S>::from_slice(simd, v);
+    let one = splat(simd, P::from_index(1));
+    let mut number = splat(simd, P::ZERO);
     let beyond = |blocks: usize| (blocks * P::N).min(map.len());
     let vectors =
         |blocks: std::ops::Range<usize>| map[beyond(blocks.start)..beyond(blocks.end)].chunks_exact(P::N);
     // The first ones have none before, the last none after; where there are few some have neither.
     let mut later = vectors(reach..count);
     for here in vectors(0..reach) {
-        let here = load(here);
-        see(number, later.next().map_or(here, |after| here.saturating_sub(load(after))));
+        let here = vector(simd, here);
+        let low = if let Some(after) = later.next() { vector(simd, after) } else { splat(simd, P::ZERO) };
+        look.see(number, here.saturating_sub(low));
         number += one;
     }
     let middle = count.saturating_sub(reach).max(reach);
     let both = vectors(reach..middle).zip(vectors(0..count)).zip(later);
     for ((here, before), after) in both {
-        see(number, load(here).saturating_sub(load(before).min(load(after))));
+        let low = vector(simd, before).min(vector(simd, after));
+        look.see(number, vector(simd, here).saturating_sub(low));
         number += one;
     }
     for (here, before) in vectors(middle..count).zip(vectors(middle - reach..count)) {
-        see(number, load(here).saturating_sub(load(before)));
+        look.see(number, vector(simd, here).saturating_sub(vector(simd, before)));
         number += one;
     }
 }

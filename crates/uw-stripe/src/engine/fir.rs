@@ -186,11 +186,11 @@ impl Bank {
     /// The level of the filters for a chunk of lines.
     #[inline(always)]
     fn level<S: Simd, P: Pixel>(&self, simd: S, (pixels, apart): (&[P], usize)) -> usize {
-        let load = |k: usize| P::floats(simd, &pixels[k * apart..].as_chunks().0[0]);
         let noise = &self.noise;
         let (shot, dark) = (noise.gain_e_per_dn.recip(), self.dark);
-        let around = (load(0) + load(2 * self.half)).reduce_sum() * (0.5 / CHUNK as f32);
-        let height = load(self.half).reduce_sum() * (1.0 / CHUNK as f32) - around;
+        let outer = floats(simd, pixels) + floats(simd, &pixels[2 * self.half * apart..]);
+        let around = outer.reduce_sum() * (0.5 / CHUNK as f32);
+        let height = floats(simd, &pixels[self.half * apart..]).reduce_sum() * (1.0 / CHUNK as f32) - around;
         let contrast = noise.speckle_contrast * noise.speckle_contrast;
         let excess = height.max(0.0) * (shot + height * contrast);
         level(excess / (dark + around.max(0.0) * shot))
@@ -204,21 +204,19 @@ impl Bank {
         kernel: &Kernel,
         (from, out): (usize, &mut Estimates),
     ) {
-        type V<S> = f32x16<S>;
-        let splat = |v: f32| V::<S>::splat(simd, v);
         let noise = &self.noise;
         let (shot, dark) = (noise.gain_e_per_dn.recip(), self.dark);
         let contrast = noise.speckle_contrast * noise.speckle_contrast;
         let half = self.half;
         let (first, rest) = pixels.split_at(half * apart);
-        let middle = P::floats(simd, &rest.as_chunks().0[0]);
-        let mut sums = [splat(0.0); 4];
-        let mut extra = [splat(0.0); 4];
+        let middle = floats(simd, rest);
+        let mut sums = [splat(simd, 0.0); 4];
+        let mut extra = [splat(simd, 0.0); 4];
         let (mut total, mut top) = (middle, middle);
         let pairs = first.chunks_exact(apart).rev().zip(rest[apart..].chunks_exact(apart));
         for (((before, after), tap), more) in pairs.zip(&kernel.taps).zip(&kernel.extra) {
-            let before = P::floats(simd, &before.as_chunks().0[0]);
-            let after = P::floats(simd, &after.as_chunks().0[0]);
+            let before = floats(simd, before);
+            let after = floats(simd, after);
             let (odd, even) = (after - before, after + before);
             total += even;
             top = top.max(before.max(after));
@@ -233,19 +231,19 @@ impl Bank {
                 extra[3] += even * more[3];
             }
         }
-        let zero = splat(0.0);
+        let zero = splat(simd, 0.0);
         let left = sums[0].simd_lt(zero);
         // Inlined always, unlike closures: a call would lose the registers.
         let mirrored = Mirrored(left);
         let moment = mirrored.of(simd, sums[0]) + sums[1] + middle * kernel.middle[0];
         let height = mirrored.of(simd, sums[2]) + sums[3] + middle * kernel.middle[1];
         // Where there is no stripe the height may be anything; the verdict falls on the ratio to its noise.
-        let safe = height.max(splat(LEAST_HEIGHT));
+        let safe = height.max(splat(simd, LEAST_HEIGHT));
         let mut background = (total - height * self.flux) * ((2 * half + 1) as f32).recip();
-        let base = background.max(zero) * shot + splat(dark);
+        let base = background.max(zero) * shot + splat(simd, dark);
         let (own, speckle) = (safe * shot, safe * safe * contrast);
         let mut moment_variance = variance([base, own, speckle], &kernel.noise);
-        let inverse = splat(1.0) / safe;
+        let inverse = splat(simd, 1.0) / safe;
         let mut t = clamp(simd, moment * inverse, kernel.range);
         if EXTRA {
             // A stripe beside the offset looks a little wider, and leaning.
@@ -284,12 +282,24 @@ impl Bank {
     }
 }
 
+/// The grey values of the first lines of a chunk.
+#[inline(always)]
+fn floats<S: Simd, P: Pixel>(simd: S, pixels: &[P]) -> f32x16<S> {
+    P::floats(simd, &pixels.as_chunks().0[0])
+}
+
+/// One number in all lanes.
+#[inline(always)]
+fn splat<S: Simd>(simd: S, value: f32) -> f32x16<S> {
+    f32x16::splat(simd, value)
+}
+
 /// The polynomial's values.
 #[inline(always)]
 fn polynomial<S: Simd>(simd: S, c: &Polynomial, t: f32x16<S>) -> f32x16<S> {
-    let mut sum = f32x16::splat(simd, c[DEGREE]);
+    let mut sum = splat(simd, c[DEGREE]);
     for c in c[..DEGREE].iter().rev() {
-        sum = sum * t + f32x16::splat(simd, *c);
+        sum = sum * t + splat(simd, *c);
     }
     sum
 }
@@ -297,7 +307,7 @@ fn polynomial<S: Simd>(simd: S, c: &Polynomial, t: f32x16<S>) -> f32x16<S> {
 /// Values held within a range.
 #[inline(always)]
 fn clamp<S: Simd>(simd: S, t: f32x16<S>, range: [f32; 2]) -> f32x16<S> {
-    t.max(f32x16::splat(simd, range[0])).min(f32x16::splat(simd, range[1]))
+    t.max(splat(simd, range[0])).min(splat(simd, range[1]))
 }
 
 /// Variance of a filter's output: its gains by the variances that are even, follow the stripe, follow its square.
@@ -314,7 +324,7 @@ impl<S: Simd> Mirrored<S> {
     /// The odd part with the sign that belongs to it.
     #[inline(always)]
     fn of(self, simd: S, v: f32x16<S>) -> f32x16<S> {
-        self.0.select(f32x16::splat(simd, 0.0) - v, v)
+        self.0.select(splat(simd, 0.0) - v, v)
     }
 }
 

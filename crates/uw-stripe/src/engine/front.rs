@@ -9,6 +9,7 @@ use std::ops::Range;
 use fearless_simd::{Simd, SimdBase, SimdMask};
 
 use super::aligned::Aligned;
+use super::lanes::{splat, vector};
 use super::maxima::ROWS;
 use crate::{NoiseModel, Pixel, Roi};
 
@@ -97,10 +98,9 @@ pub(super) fn brightest<S: Simd, P: Pixel>(simd: S, row: &[P]) -> P {
     if row.len() < P::N {
         return row.iter().copied().max().unwrap_or(P::ZERO);
     }
-    let load = |x: usize| P::V::<S>::from_slice(simd, &row[x..x + P::N]);
-    let mut best = load(row.len() - P::N);
+    let mut best = vector(simd, &row[row.len() - P::N..]);
     for chunk in row.chunks_exact(P::N) {
-        best = best.max(P::V::<S>::from_slice(simd, chunk));
+        best = best.max(vector(simd, chunk));
     }
     best.reduce_max()
 }
@@ -114,8 +114,7 @@ pub(super) fn position<S: Simd, P: Pixel>(simd: S, row: &[P], value: P) -> Optio
     let last = row.len() - P::N;
     for x in (0..row.len()).step_by(P::N) {
         let x = x.min(last);
-        let part = P::V::<S>::from_slice(simd, &row[x..x + P::N]);
-        let equal = part.simd_eq(P::V::<S>::splat(simd, value)).to_bitmask();
+        let equal = vector(simd, &row[x..x + P::N]).simd_eq(splat(simd, value)).to_bitmask();
         if equal != 0 {
             return Some(x + equal.trailing_zeros() as usize);
         }

@@ -1,6 +1,6 @@
 //! Region of interest from image to image: only the pixels around the last positions are read.
 
-use fearless_simd::dispatch;
+use fearless_simd::{Simd, dispatch};
 
 use super::lanes::{CHUNK, MOST_LANES};
 use super::{Buffers, Engine, Job, Kind};
@@ -61,36 +61,32 @@ impl Engine {
             for group in 0..groups {
                 self.gate.groups[group] = extent(&job, group, stripe);
             }
-        } else if job.kind == Kind::Robust {
-            self.gated(job, tracking, buffers, stripe, |engine, part, _, buffers, stripe| {
-                engine.region(part, buffers, stripe);
-            });
         } else {
             let level = self.level;
-            dispatch!(level, simd => {
-                self.gated(job, tracking, buffers, stripe, |engine, part, near, buffers, stripe| {
-                    engine.first::<_, P, false>(simd, part, near, buffers, stripe);
-                });
-            });
+            dispatch!(level, simd => self.gated(simd, job, tracking, buffers, stripe));
         }
     }
 
     /// Looks at the groups' parts one after the other, and at whole lines where they hold too little of the stripe.
     #[inline(always)]
-    fn gated<'a, P: Pixel>(
+    fn gated<S: Simd, P: Pixel>(
         &mut self,
-        job: Job<'a, P>,
+        simd: S,
+        job: Job<'_, P>,
         tracking: Tracking,
         buffers: &mut Buffers<P>,
         stripe: &mut Stripe,
-        mut look: impl FnMut(&mut Self, Job<'a, P>, bool, &mut Buffers<P>, &mut Stripe),
     ) {
         for group in 0..self.gate.groups.len() {
             let last = self.gate.groups[group];
             let (mut around, mut now) = (last, None);
             for again in [false, true] {
                 let part = part(&job, group, around, tracking.reach_px);
-                look(self, part, around.is_some(), buffers, stripe);
+                if part.kind == Kind::Robust {
+                    self.region(part, buffers, stripe);
+                } else {
+                    self.first::<S, P, false>(simd, part, around.is_some(), buffers, stripe);
+                }
                 now = extent(&job, group, stripe);
                 if again {
                     let (first, _, _) = part.origin();

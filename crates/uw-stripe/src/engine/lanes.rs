@@ -41,6 +41,18 @@ pub trait Lanes: SimdIntElement + Default + Ord + Send + Sync + std::ops::Sub<Ou
     fn buffers(all: &mut AllBuffers) -> &mut Buffers<Self>;
 }
 
+/// A vector of exactly as many grey values as it holds. A function, since a closure may be left outside the processor's features.
+#[inline(always)]
+pub(super) fn vector<S: Simd, P: Lanes>(simd: S, pixels: &[P]) -> P::V<S> {
+    P::V::<S>::from_slice(simd, pixels)
+}
+
+/// One grey value in all lanes.
+#[inline(always)]
+pub(super) fn splat<S: Simd, P: Lanes>(simd: S, value: P) -> P::V<S> {
+    P::V::<S>::splat(simd, value)
+}
+
 impl Lanes for u8 {
     const N: usize = 64;
     type V<S: Simd> = u8x64<S>;

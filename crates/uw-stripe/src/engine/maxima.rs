@@ -7,6 +7,7 @@ use std::ops::Range;
 
 use fearless_simd::{Simd, SimdBase};
 
+use super::lanes::{splat, vector};
 use crate::{Pixel, Roi, View};
 
 /// Rows of which the maximum is formed at a time.
@@ -52,11 +53,11 @@ fn held<S: Simd, P: Pixel, const COUNT: usize>(
     rows: usize,
     (map, layout): (&mut [P], Layout),
 ) {
-    let mut best = [P::V::<S>::splat(simd, P::ZERO); COUNT];
+    let mut best = [splat(simd, P::ZERO); COUNT];
     for r in 0..rows {
         let row = &pixels[r * stride..][..COUNT * P::N];
         for (best, part) in best.iter_mut().zip(row.chunks_exact(P::N)) {
-            *best = best.max(P::V::<S>::from_slice(simd, part));
+            *best = best.max(vector(simd, part));
         }
     }
     for (i, best) in best.iter().enumerate() {
@@ -80,22 +81,21 @@ fn any_width<S: Simd, P: Pixel>(
 /// Takes a row into the maxima; the first one is them.
 #[inline(always)]
 fn add<S: Simd, P: Pixel>(simd: S, row: &[P], (map, layout): (&mut [P], Layout), first: bool) {
-    let vector = |v: &[P]| P::V::<S>::from_slice(simd, v);
     let parts = row.chunks_exact(P::N).zip(map.chunks_mut(layout.apart));
     if first {
         for (part, best) in parts {
-            vector(part).store_slice(&mut best[..P::N]);
+            vector(simd, part).store_slice(&mut best[..P::N]);
         }
     } else {
         for (part, best) in parts {
             let best = &mut best[..P::N];
-            vector(part).max(vector(best)).store_slice(best);
+            vector(simd, part).max(vector(simd, best)).store_slice(best);
         }
     }
     if !row.len().is_multiple_of(P::N) {
         let best = &mut map[layout.last..layout.last + P::N];
-        let here = vector(&row[row.len() - P::N..]);
-        let here = if first { here } else { here.max(vector(best)) };
+        let here = vector(simd, &row[row.len() - P::N..]);
+        let here = if first { here } else { here.max(vector(simd, best)) };
         here.store_slice(best);
     }
 }
@@ -116,18 +116,18 @@ pub(crate) fn read<S: Simd, P: Pixel>(simd: S, image: &View<'_, P>, roi: Roi) ->
     if roi.width < P::N {
         return (0..roi.height).flat_map(row).copied().max().unwrap_or(P::ZERO);
     }
-    let mut best = [P::V::<S>::splat(simd, P::ZERO); 4];
+    let mut best = [splat(simd, P::ZERO); 4];
     for y in 0..roi.height {
         let row = row(y);
         let mut chunks = row.chunks_exact(4 * P::N);
         for chunk in &mut chunks {
             for (best, part) in best.iter_mut().zip(chunk.chunks_exact(P::N)) {
-                *best = best.max(P::V::<S>::from_slice(simd, part));
+                *best = best.max(vector(simd, part));
             }
         }
         for x in (row.len() - chunks.remainder().len()..row.len()).step_by(P::N) {
             let x = x.min(row.len() - P::N);
-            best[0] = best[0].max(P::V::<S>::from_slice(simd, &row[x..x + P::N]));
+            best[0] = best[0].max(vector(simd, &row[x..x + P::N]));
         }
     }
     best[0].max(best[1]).max(best[2].max(best[3])).reduce_max()

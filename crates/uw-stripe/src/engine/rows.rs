@@ -5,7 +5,7 @@ use std::ops::Range;
 use fearless_simd::{Simd, SimdBase, SimdInt, SimdMask};
 
 use super::front::{Front, Wanted, brightest, least_second, least_second_in_the_dark, position};
-use super::lanes::MOST_LANES;
+use super::lanes::{MOST_LANES, splat, vector};
 use super::maxima::{Layout, ROWS, maxima, maxima_of_few};
 use crate::{Pixel, Roi, View};
 
@@ -156,33 +156,35 @@ fn stand_out<S: Simd, P: Pixel>(simd: S, map: &[P], contrast: &mut [P], (pad, re
         }
         return top;
     }
-    let vector = |v: &[P]| P::V::<S>::from_slice(simd, v);
-    let one = |here: &[P], before: &[P], after: &[P]| {
-        vector(here).saturating_sub(vector(before).min(vector(after)))
-    };
-    let mut top = P::V::<S>::splat(simd, P::ZERO);
+    let mut top = splat(simd, P::ZERO);
     let vectors = here.chunks_exact(P::N).zip(before.chunks_exact(P::N)).zip(after.chunks_exact(P::N));
     for (((here, before), after), out) in vectors.zip(contrast.chunks_exact_mut(P::N)) {
-        let one = one(here, before, after);
+        let one = above(simd, here, before, after);
         one.store_slice(out);
         top = top.max(one);
     }
     if !width.is_multiple_of(P::N) {
         let last = width - P::N;
-        let one = one(&here[last..], &before[last..], &after[last..]);
+        let one = above(simd, &here[last..], &before[last..], &after[last..]);
         one.store_slice(&mut contrast[last..]);
         top = top.max(one);
     }
     top.reduce_max()
 }
 
+/// How far a vector of block maxima stands out of the lower of those on either side.
+#[inline(always)]
+fn above<S: Simd, P: Pixel>(simd: S, here: &[P], before: &[P], after: &[P]) -> P::V<S> {
+    vector(simd, here).saturating_sub(vector(simd, before).min(vector(simd, after)))
+}
+
 /// How far values above `low` go on from `peak` on, downwards without it and upwards with it; nothing is above `low` at the ends.
 #[inline(always)]
 fn run<S: Simd, P: Pixel>(simd: S, values: &[P], peak: usize, low: P) -> (usize, usize) {
-    let low_v = P::V::<S>::splat(simd, low);
+    let low_v = splat(simd, low);
     let mut above = 0;
     for (i, part) in values[peak - ARM..peak + ARM].chunks_exact(P::N).enumerate() {
-        above |= P::V::<S>::from_slice(simd, part).simd_gt(low_v).to_bitmask() << (i * P::N % 64);
+        above |= vector(simd, part).simd_gt(low_v).to_bitmask() << (i * P::N % 64);
     }
     let (before, after) = ((above << ARM).leading_ones() as usize, (above >> ARM).trailing_ones() as usize);
     if before < ARM && after < ARM {
@@ -208,23 +210,16 @@ fn tops<S: Simd, P: Pixel>(
 ) -> [u32; ROWS] {
     let mut numbers = [P::ZERO; MOST_LANES];
     numbers.iter_mut().zip(NUMBERS).for_each(|(to, n)| *to = P::from_index(n));
-    let numbers = P::V::<S>::from_slice(simd, &numbers[..P::N]);
-    let keys = |row: &[P], from: usize| {
-        let (low, high) = P::keys(
-            P::V::<S>::from_slice(simd, &row[from..from + P::N]),
-            numbers - P::V::<S>::splat(simd, P::from_index(from as u8)),
-        );
-        low.max(high)
-    };
+    let numbers = vector(simd, &numbers[..P::N]);
     let mut best = [P::Key::<S>::splat(simd, P::Wide::default()); ROWS];
     for (r, best) in best.iter_mut().enumerate() {
         // Below the last row comes the last row again.
         let row = &pixels[r.min(rows - 1) * stride..][..span];
-        *best = keys(row, 0);
+        *best = keys(simd, row, numbers, 0);
         // Nearly always one vector or two.
         let mut from = P::N;
         while from < span {
-            *best = best.max(keys(row, from.min(span - P::N)));
+            *best = best.max(keys(simd, row, numbers, from.min(span - P::N)));
             from += P::N;
         }
     }
@@ -239,6 +234,14 @@ fn tops<S: Simd, P: Pixel>(
         tops.iter_mut().zip(part).for_each(|(top, v)| *top = (*top).max((*v).into()));
     }
     tops.map(|key| NUMBERED as u32 - 1 - (key & (NUMBERED as u32 - 1)))
+}
+
+/// The grey values of a vector of a row from `from` on, each above the number of its place: the larger ones of its two halves.
+#[inline(always)]
+fn keys<S: Simd, P: Pixel>(simd: S, row: &[P], numbers: P::V<S>, from: usize) -> P::Key<S> {
+    let numbers = numbers - splat(simd, P::from_index(from as u8));
+    let (low, high) = P::keys(vector(simd, &row[from..from + P::N]), numbers);
+    low.max(high)
 }
 
 /// Of each of the first vectors and its partner half of them on, what is larger in either half, alternating.

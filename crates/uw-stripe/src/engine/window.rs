@@ -4,7 +4,7 @@ use fearless_simd::{Select, Simd, SimdBase};
 
 use super::aligned::Aligned;
 use super::front::NOWHERE;
-use super::lanes::{CHUNK, MOST_LANES};
+use super::lanes::{CHUNK, MOST_LANES, splat, vector};
 use crate::{Axis, Pixel, Roi, View};
 
 /// Lines a group.
@@ -135,33 +135,33 @@ impl<P: Pixel> Windows<P> {
         for (r, &a) in relative.iter_mut().zip(at) {
             *r = P::from_index(if a == NOWHERE { 0 } else { a - low } as u8);
         }
-        let mut left = P::V::<S>::from_slice(simd, &relative[..P::N]);
+        let mut left = vector(simd, &relative[..P::N]);
         let (taps, spread) = (2 * group.half + 1, (high - low) as usize);
         let top = roi.y + (low - half) as usize;
         let (strip, stride) = image.starting_at(roi.x + group.first + lane, top);
-        let pixels = |row: usize| P::V::<S>::from_slice(simd, &strip[row * stride..][..P::N]);
         let raw = &mut self.raw;
         let mut shift = if spread == 0 { 0 } else { 1 << spread.ilog2() };
         // The highest power of two that occurs in the shifts moves the image's rows, the lower ones what is there already.
         let last = taps + spread - 1;
         if shift == 0 {
             for k in 0..taps {
-                pixels(k).store_slice(&mut raw[k * GROUP + lane..][..P::N]);
+                row(simd, strip, k * stride).store_slice(&mut raw[k * GROUP + lane..][..P::N]);
             }
             return;
         }
-        let mut moved = left.simd_gt(P::V::<S>::splat(simd, P::from_index(shift as u8 - 1)));
+        let mut moved = left.simd_gt(splat(simd, P::from_index(shift as u8 - 1)));
         for k in 0..taps + (shift - 1).min(spread) {
-            let value = moved.select(pixels((k + shift).min(last)), pixels(k));
+            let value =
+                moved.select(row(simd, strip, (k + shift).min(last) * stride), row(simd, strip, k * stride));
             value.store_slice(&mut raw[k * GROUP + lane..][..P::N]);
         }
         while shift > 1 {
-            left = moved.select(left - P::V::<S>::splat(simd, P::from_index(shift as u8)), left);
+            left = moved.select(left - splat(simd, P::from_index(shift as u8)), left);
             shift /= 2;
-            moved = left.simd_gt(P::V::<S>::splat(simd, P::from_index(shift as u8 - 1)));
+            moved = left.simd_gt(splat(simd, P::from_index(shift as u8 - 1)));
             for k in 0..taps + shift - 1 {
-                let here = P::V::<S>::from_slice(simd, &raw[k * GROUP + lane..][..P::N]);
-                let there = P::V::<S>::from_slice(simd, &raw[(k + shift) * GROUP + lane..][..P::N]);
+                let here = row(simd, raw, k * GROUP + lane);
+                let there = row(simd, raw, (k + shift) * GROUP + lane);
                 moved.select(there, here).store_slice(&mut raw[k * GROUP + lane..][..P::N]);
             }
         }
@@ -184,15 +184,21 @@ impl<P: Pixel> Windows<P> {
     }
 }
 
+/// A vector of grey values from `from` on.
+#[inline(always)]
+fn row<S: Simd, P: Pixel>(simd: S, pixels: &[P], from: usize) -> P::V<S> {
+    vector(simd, &pixels[from..][..P::N])
+}
+
 /// A square matrix turned.
 #[inline(always)]
 fn turn<S: Simd, P: Pixel>(simd: S, from: &[P; TURNED * CHUNK], to: &mut [P; TURNED * CHUNK]) {
     /// Vectors of two bytes a pixel.
     const MOST: usize = 8;
     let count = TURNED * CHUNK / P::N;
-    let mut vectors = [P::V::<S>::splat(simd, P::ZERO); MOST];
-    for (vector, part) in vectors.iter_mut().zip(from.chunks_exact(P::N)) {
-        *vector = P::V::<S>::from_slice(simd, part);
+    let mut vectors = [splat(simd, P::ZERO); MOST];
+    for (v, part) in vectors.iter_mut().zip(from.chunks_exact(P::N)) {
+        *v = vector(simd, part);
     }
     for _ in 0..CHUNK.ilog2() {
         let mut next = vectors;
