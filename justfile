@@ -33,13 +33,18 @@ monte-carlo TRIALS="200":
 coverage ARTEFACTS="1000":
     UWSCAN_ARTEFACTS={{ARTEFACTS}} cargo test --locked --package uwscan --test it intervals_hold -- --nocapture
 
-# Stripe methods by the speed of a pure read, image by image in turn
+# Stripe methods by the speed of a pure read, image by image in turn (benches/README.md says how to read it)
 stripe-ratios:
     cargo bench --locked --bench stripes -- --ratios
 
 # Every stripe method's errors by the Cramér–Rao bound, on scenes of known truth
 stripe-accuracy SEEDS="4" *SCENES:
     cargo run --release --locked --package uw-stripe --example accuracy -- {{SEEDS}} {{SCENES}}
+
+# Fails where the compiler left vector operations of the stripe kernels outside the processor's features (docs/adr/0009)
+stripe-outlined:
+    cargo build --release --locked --package uw-stripe --example speed
+    ! nm --demangle target/release/examples/speed | grep __fearless_simd_kernel
 
 # Recording, extraction and triangulation together against disk, memory and bare queues in the same run; MEMORY is a tmpfs
 record-speed CALIBRATION DISK="." MEMORY="/dev/shm" FRAMES="2000":

@@ -3,15 +3,21 @@
 
 use super::{AllBuffers, Buffers};
 use fearless_simd::{
-    Bytes, Simd, SimdBase, SimdCombine, SimdFrom, SimdInt, SimdIntElement, SimdWiden, f32x16, i32x16, u8x16,
-    u8x64, u16x16, u16x32, u32x16,
+    Bytes, Simd, SimdBase, SimdCombine, SimdInt, SimdIntElement, SimdSplit, SimdWiden, f32x16, i32x16, u8x16,
+    u8x64, u16x8, u16x16, u16x32, u32x4, u32x16,
 };
 
 /// Largest [`Lanes::N`].
 pub(crate) const MOST_LANES: usize = 64;
 
+/// Longest span of which places are numbered by a byte.
+pub(crate) const NUMBERED: usize = 256;
+
 /// Lines that are measured at a time: 32-bit lanes of a vector.
 pub(crate) const CHUNK: usize = 16;
+
+/// Most vectors of a square matrix of as many rows.
+pub(crate) const SQUARE: usize = 8;
 
 /// A pixel type with its vector.
 pub trait Lanes: SimdIntElement + Default + Ord + Send + Sync + std::ops::Sub<Output = Self> {
@@ -20,9 +26,11 @@ pub trait Lanes: SimdIntElement + Default + Ord + Send + Sync + std::ops::Sub<Ou
     /// The vector.
     type V<S: Simd>: SimdBase<S, Element = Self> + SimdInt<S>;
     /// As wide a vector of lanes twice as wide, each with a grey value above a number: the largest tells where the largest value is.
-    type Key<S: Simd>: SimdBase<S, Element = Self::Wide>;
+    type Keys<S: Simd>: SimdBase<S, Element = Self::Wide> + SimdInt<S>;
+    /// What is left of it once its parts of 16 bytes are compared with each other.
+    type Key<S: Simd>: SimdBase<S, Element = Self::Wide> + SimdInt<S>;
     /// A lane of it.
-    type Wide: Copy + Default + Ord + Into<u32>;
+    type Wide: SimdIntElement + Copy + Default + Ord + Into<u32>;
     /// The smallest grey value.
     const ZERO: Self;
     /// The largest grey value.
@@ -33,8 +41,14 @@ pub trait Lanes: SimdIntElement + Default + Ord + Send + Sync + std::ops::Sub<Ou
     fn from_index(index: u8) -> Self;
     /// The grey value as a number to count with.
     fn index(self) -> u32;
-    /// Grey values with numbers below them, in two halves.
-    fn keys<S: Simd>(values: Self::V<S>, numbers: Self::V<S>) -> (Self::Key<S>, Self::Key<S>);
+    /// What [`Self::keys`] takes for a vector that begins at this place of a row: numbers that fall from 255 on, of the even places and the odd.
+    fn numbers<S: Simd>(simd: S, from: u8) -> [Self::Keys<S>; 2];
+    /// Grey values above their places' numbers, the larger ones of each even place and the odd one after it.
+    fn keys<S: Simd>(simd: S, values: Self::V<S>, numbers: [Self::Keys<S>; 2]) -> Self::Keys<S>;
+    /// The largest of every lane of the parts of 16 bytes.
+    fn fold<S: Simd>(keys: Self::Keys<S>) -> Self::Key<S>;
+    /// The vectors of a square matrix of so many rows and pixels, of two bytes a pixel at most; the first ones where they are fewer.
+    fn square<S: Simd>(simd: S, rows: &[&[Self; CHUNK]; CHUNK]) -> [Self::V<S>; SQUARE];
     /// As many grey values as numbers to measure with.
     fn floats<S: Simd>(simd: S, values: &[Self; CHUNK]) -> f32x16<S>;
     /// The buffers of this type.
@@ -53,10 +67,33 @@ pub(super) fn splat<S: Simd, P: Lanes>(simd: S, value: P) -> P::V<S> {
     P::V::<S>::splat(simd, value)
 }
 
+/// 255, 254, …: of equal values the first has the largest key. Those of the even places, and of the odd.
+const fn numbers() -> [[u16; 32]; 2] {
+    let mut numbers = [[0; 32]; 2];
+    let mut i = 0;
+    while i < 64 {
+        numbers[i % 2][i / 2] = (NUMBERED - 1 - i) as u16;
+        i += 1;
+    }
+    numbers
+}
+
+/// The same for wider lanes.
+const fn wide_numbers() -> [[u32; 16]; 2] {
+    let mut numbers = [[0; 16]; 2];
+    let mut i = 0;
+    while i < 32 {
+        numbers[i % 2][i / 2] = (NUMBERED - 1 - i) as u32;
+        i += 1;
+    }
+    numbers
+}
+
 impl Lanes for u8 {
     const N: usize = 64;
     type V<S: Simd> = u8x64<S>;
-    type Key<S: Simd> = u16x32<S>;
+    type Keys<S: Simd> = u16x32<S>;
+    type Key<S: Simd> = u16x8<S>;
     type Wide = u16;
     const ZERO: Self = 0;
     const MAX: Self = Self::MAX;
@@ -70,14 +107,35 @@ impl Lanes for u8 {
         u32::from(self)
     }
     #[inline(always)]
-    fn keys<S: Simd>(values: Self::V<S>, numbers: Self::V<S>) -> (Self::Key<S>, Self::Key<S>) {
+    fn numbers<S: Simd>(simd: S, from: u8) -> [u16x32<S>; 2] {
+        const NUMBERS: [[u16; 32]; 2] = numbers();
+        let from = u16x32::splat(simd, u16::from(from));
+        [u16x32::load_array_ref(simd, &NUMBERS[0]) - from, u16x32::load_array_ref(simd, &NUMBERS[1]) - from]
+    }
+    #[inline(always)]
+    fn keys<S: Simd>(simd: S, values: u8x64<S>, [even, odd]: [u16x32<S>; 2]) -> u16x32<S> {
         // The first byte of two is the lower one on every processor there are vectors for.
-        let (low, high) = numbers.interleave(values);
-        (low.bitcast(), high.bitcast())
+        let pairs: u16x32<S> = values.bitcast();
+        ((pairs << 8) | even).max((pairs & u16x32::splat(simd, 0xff00)) | odd)
+    }
+    #[inline(always)]
+    fn fold<S: Simd>(keys: u16x32<S>) -> u16x8<S> {
+        let (low, high) = keys.split();
+        let (low, high) = low.max(high).split();
+        low.max(high)
+    }
+    #[inline(always)]
+    fn square<S: Simd>(simd: S, rows: &[&[u8; CHUNK]; CHUNK]) -> [u8x64<S>; SQUARE] {
+        let mut vectors = [u8x64::splat(simd, 0); SQUARE];
+        for (vector, rows) in vectors.iter_mut().zip(rows.as_chunks::<4>().0) {
+            let [a, b, c, d] = rows.map(|row| u8x16::load_array_ref(simd, row));
+            *vector = a.combine(b).combine(c.combine(d));
+        }
+        vectors
     }
     #[inline(always)]
     fn floats<S: Simd>(simd: S, values: &[Self; CHUNK]) -> f32x16<S> {
-        let (low, high) = u8x16::simd_from(simd, *values).widen();
+        let (low, high) = u8x16::load_array_ref(simd, values).widen();
         let (low, high) = low.combine(high).widen();
         let wide: i32x16<S> = low.combine(high).bitcast();
         wide.to_float()
@@ -90,7 +148,8 @@ impl Lanes for u8 {
 impl Lanes for u16 {
     const N: usize = 32;
     type V<S: Simd> = u16x32<S>;
-    type Key<S: Simd> = u32x16<S>;
+    type Keys<S: Simd> = u32x16<S>;
+    type Key<S: Simd> = u32x4<S>;
     type Wide = u32;
     const ZERO: Self = 0;
     const MAX: Self = Self::MAX;
@@ -104,14 +163,34 @@ impl Lanes for u16 {
         u32::from(self)
     }
     #[inline(always)]
-    fn keys<S: Simd>(values: Self::V<S>, numbers: Self::V<S>) -> (Self::Key<S>, Self::Key<S>) {
-        // The first byte of two is the lower one on every processor there are vectors for.
-        let (low, high) = numbers.interleave(values);
-        (low.bitcast(), high.bitcast())
+    fn numbers<S: Simd>(simd: S, from: u8) -> [u32x16<S>; 2] {
+        const NUMBERS: [[u32; 16]; 2] = wide_numbers();
+        let from = u32x16::splat(simd, u32::from(from));
+        [u32x16::load_array_ref(simd, &NUMBERS[0]) - from, u32x16::load_array_ref(simd, &NUMBERS[1]) - from]
+    }
+    #[inline(always)]
+    fn keys<S: Simd>(simd: S, values: u16x32<S>, [even, odd]: [u32x16<S>; 2]) -> u32x16<S> {
+        // As for bytes.
+        let pairs: u32x16<S> = values.bitcast();
+        ((pairs << 16) | even).max((pairs & u32x16::splat(simd, 0xffff_0000)) | odd)
+    }
+    #[inline(always)]
+    fn fold<S: Simd>(keys: u32x16<S>) -> u32x4<S> {
+        let (low, high) = keys.split();
+        let (low, high) = low.max(high).split();
+        low.max(high)
+    }
+    #[inline(always)]
+    fn square<S: Simd>(simd: S, rows: &[&[u16; CHUNK]; CHUNK]) -> [u16x32<S>; SQUARE] {
+        let mut vectors = [u16x32::splat(simd, 0); SQUARE];
+        for (vector, [a, b]) in vectors.iter_mut().zip(rows.as_chunks::<2>().0) {
+            *vector = u16x16::load_array_ref(simd, a).combine(u16x16::load_array_ref(simd, b));
+        }
+        vectors
     }
     #[inline(always)]
     fn floats<S: Simd>(simd: S, values: &[Self; CHUNK]) -> f32x16<S> {
-        let (low, high) = u16x16::simd_from(simd, *values).widen();
+        let (low, high) = u16x16::load_array_ref(simd, values).widen();
         let wide: i32x16<S> = low.combine(high).bitcast();
         wide.to_float()
     }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use fearless_simd::{Simd, SimdBase, SimdInt, SimdMask};
 
 use super::front::{Front, Wanted, brightest, least_second, least_second_in_the_dark, position};
-use super::lanes::{MOST_LANES, splat, vector};
+use super::lanes::{MOST_LANES, NUMBERED, splat, vector};
 use super::maxima::{Layout, ROWS, maxima, maxima_of_few};
 use crate::{Pixel, Roi, View};
 
@@ -15,19 +15,6 @@ const MARGIN: usize = 4;
 const STEEP: usize = 24;
 /// Pixels that one comparison covers on either side of a peak.
 const ARM: usize = 32;
-/// Longest span of which places are numbered by a byte.
-const NUMBERED: usize = 256;
-
-/// 255, 254, …: of equal values the first has the largest key.
-const NUMBERS: [u8; MOST_LANES] = {
-    let mut numbers = [0; MOST_LANES];
-    let mut i = 0;
-    while i < MOST_LANES {
-        numbers[i] = (NUMBERED - 1 - i) as u8;
-        i += 1;
-    }
-    numbers
-};
 
 impl<P: Pixel> Front<P> {
     /// Finds the candidates of some rows, counted from the region's first.
@@ -199,8 +186,8 @@ fn run<S: Simd, P: Pixel>(simd: S, values: &[P], peak: usize, low: P) -> (usize,
 
 /// Place of the largest grey value in each of up to 16 rows, `span` pixels of each, at least a vector and at most what a byte numbers.
 ///
-/// Each value is put above a number that tells its place. Vectors are interleaved in pairs, so that one of half of each remains, until one
-/// holds something of all rows.
+/// Each value is put above a number that tells its place. Vectors are interleaved in pairs, so that one of half of each remains, until each
+/// lane holds a row.
 #[inline(always)]
 fn tops<S: Simd, P: Pixel>(
     simd: S,
@@ -208,40 +195,39 @@ fn tops<S: Simd, P: Pixel>(
     span: usize,
     rows: usize,
 ) -> [u32; ROWS] {
-    let mut numbers = [P::ZERO; MOST_LANES];
-    numbers.iter_mut().zip(NUMBERS).for_each(|(to, n)| *to = P::from_index(n));
-    let numbers = vector(simd, &numbers[..P::N]);
+    /// Most lanes of a [`Lanes::Key`].
+    const MOST: usize = 8;
+    let numbers = P::numbers(simd, 0);
     let mut best = [P::Key::<S>::splat(simd, P::Wide::default()); ROWS];
     for (r, best) in best.iter_mut().enumerate() {
         // Below the last row comes the last row again.
         let row = &pixels[r.min(rows - 1) * stride..][..span];
-        *best = keys(simd, row, numbers, 0);
+        let mut keys = P::keys(simd, vector(simd, &row[..P::N]), numbers);
         // Nearly always one vector or two.
         let mut from = P::N;
         while from < span {
-            *best = best.max(keys(simd, row, numbers, from.min(span - P::N)));
+            let at = from.min(span - P::N);
+            keys = keys.max(P::keys(simd, vector(simd, &row[at..at + P::N]), P::numbers(simd, at as u8)));
             from += P::N;
         }
+        *best = P::fold(keys);
     }
+    let lanes = P::N / MOST;
     halve::<S, P, 8>(&mut best);
     halve::<S, P, 4>(&mut best);
-    halve::<S, P, 2>(&mut best);
-    halve::<S, P, 1>(&mut best);
-    let mut lanes = [P::Wide::default(); MOST_LANES];
-    best[0].store_slice(&mut lanes[..P::N / 2]);
-    let mut tops = [0u32; ROWS];
-    for part in lanes[..P::N / 2].chunks_exact(ROWS) {
-        tops.iter_mut().zip(part).for_each(|(top, v)| *top = (*top).max((*v).into()));
+    if lanes == MOST {
+        halve::<S, P, 2>(&mut best);
     }
-    tops.map(|key| NUMBERED as u32 - 1 - (key & (NUMBERED as u32 - 1)))
-}
-
-/// The grey values of a vector of a row from `from` on, each above the number of its place: the larger ones of its two halves.
-#[inline(always)]
-fn keys<S: Simd, P: Pixel>(simd: S, row: &[P], numbers: P::V<S>, from: usize) -> P::Key<S> {
-    let numbers = numbers - splat(simd, P::from_index(from as u8));
-    let (low, high) = P::keys(vector(simd, &row[from..from + P::N]), numbers);
-    low.max(high)
+    let apart = ROWS / lanes;
+    let mut tops = [0u32; ROWS];
+    for (r, best) in best[..apart].iter().enumerate() {
+        let mut keys = [P::Wide::default(); MOST];
+        best.store_slice(&mut keys[..lanes]);
+        for (l, key) in keys[..lanes].iter().enumerate() {
+            tops[r + l * apart] = NUMBERED as u32 - 1 - ((*key).into() & (NUMBERED as u32 - 1));
+        }
+    }
+    tops
 }
 
 /// Of each of the first vectors and its partner half of them on, what is larger in either half, alternating.

@@ -4,7 +4,7 @@ use fearless_simd::{Select, Simd, SimdBase};
 
 use super::aligned::Aligned;
 use super::front::NOWHERE;
-use super::lanes::{CHUNK, MOST_LANES, splat, vector};
+use super::lanes::{CHUNK, MOST_LANES, SQUARE, splat, vector};
 use crate::{Axis, Pixel, Roi, View};
 
 /// Lines a group.
@@ -101,20 +101,19 @@ impl<P: Pixel> Windows<P> {
         let raw = self.raw[chunk * self.chunk..][..self.chunk].as_chunks_mut::<SIZE>().0;
         let (pixels, stride) = image.starting_at(roi.x, roi.y + group.first);
         for (out, from) in raw.iter_mut().zip((0..).step_by(TURNED)) {
-            let mut here = [P::ZERO; SIZE];
-            for ((lane, &at), window) in group.at.iter().enumerate().zip(here.as_chunks_mut::<TURNED>().0) {
+            if let Some(rows) = whole_rows((pixels, stride), roi.width, group, from) {
+                turn(simd, P::square(simd, &rows), out);
+                continue;
+            }
+            let mut here = [[P::ZERO; TURNED]; CHUNK];
+            for ((lane, &at), window) in group.at.iter().enumerate().zip(&mut here) {
                 let at = if at == NOWHERE { 0 } else { at as usize } + from;
                 let row = &pixels[lane * stride..][..roi.width];
-                let inside = at.checked_sub(group.half).and_then(|from| row.get(from..from + TURNED));
-                if let Some(inside) = inside {
-                    window.copy_from_slice(inside);
-                } else {
-                    for (k, out) in window.iter_mut().enumerate() {
-                        *out = row[(at + k).saturating_sub(group.half).min(row.len() - 1)];
-                    }
+                for (k, out) in window.iter_mut().enumerate() {
+                    *out = row[(at + k).saturating_sub(group.half).min(row.len() - 1)];
                 }
             }
-            turn(simd, &here, out);
+            turn(simd, P::square(simd, &here.each_ref()), out);
         }
     }
 
@@ -190,18 +189,34 @@ fn row<S: Simd, P: Pixel>(simd: S, pixels: &[P], from: usize) -> P::V<S> {
     vector(simd, &pixels[from..][..P::N])
 }
 
-/// A square matrix turned.
+/// Some pixels of each of a chunk's rows, `from` on in their windows; `None` where one of them reaches beyond the border.
 #[inline(always)]
-fn turn<S: Simd, P: Pixel>(simd: S, from: &[P; TURNED * CHUNK], to: &mut [P; TURNED * CHUNK]) {
-    /// Vectors of two bytes a pixel.
-    const MOST: usize = 8;
-    let count = TURNED * CHUNK / P::N;
-    let mut vectors = [splat(simd, P::ZERO); MOST];
-    for (v, part) in vectors.iter_mut().zip(from.chunks_exact(P::N)) {
-        *v = vector(simd, part);
+fn whole_rows<'a, P: Pixel>(
+    (pixels, stride): (&'a [P], usize),
+    width: usize,
+    group: Group<'_>,
+    from: usize,
+) -> Option<[&'a [P; TURNED]; CHUNK]> {
+    let at: &[u32; CHUNK] = group.at.try_into().ok()?;
+    let last = width.checked_sub(TURNED)?;
+    let mut rows = [pixels.first_chunk()?; CHUNK];
+    let mut beyond = false;
+    for (lane, (row, &at)) in rows.iter_mut().zip(at).enumerate() {
+        // NOWHERE is beyond.
+        let start = (at as usize + from).wrapping_sub(group.half);
+        beyond |= start > last;
+        let start = if beyond { 0 } else { start };
+        *row = pixels.get(lane * stride + start..)?.first_chunk()?;
     }
+    (!beyond).then_some(rows)
+}
+
+/// A square matrix turned, by rows.
+#[inline(always)]
+fn turn<S: Simd, P: Pixel>(simd: S, mut vectors: [P::V<S>; SQUARE], to: &mut [P; TURNED * CHUNK]) {
+    let count = TURNED * CHUNK / P::N;
     for _ in 0..CHUNK.ilog2() {
-        let mut next = vectors;
+        let mut next = [splat(simd, P::ZERO); SQUARE];
         for i in 0..count / 2 {
             (next[2 * i], next[2 * i + 1]) = vectors[i].interleave(vectors[i + count / 2]);
         }
