@@ -41,49 +41,70 @@ struct Local {
     noise_gain: f64,
 }
 
-/// Corrects the positions of `lines` for blur along a bent stripe, widens their sigmas by what that leaves unsure, and takes out those
-/// beyond belief.
-pub(crate) fn unbend(stripe: &mut Stripe, lines: Range<usize>) {
-    let found: Vec<Local> = lines.clone().filter_map(|line| local(stripe, &lines, line)).collect();
-    let share = blur_along(&found, stripe);
-    // Width square to the stripe: a line cuts a steep one obliquely.
-    let mut squares: Vec<f64> = found
-        .iter()
-        .map(|at| f64::from(stripe.width_px[at.line]).powi(2) / (1.0 + share * at.slope * at.slope))
-        .collect();
-    if squares.is_empty() {
-        return;
-    }
-    let variance = median(&mut squares);
-    let (variance, limit) = (share * variance, LIMIT_WIDTHS * variance.sqrt());
-    // The stripe's usual noise: single sigmas are wide where a fit is poor, which a bend itself makes it.
-    let mut sigmas: Vec<f64> = found.iter().map(|at| f64::from(stripe.sigma_px[at.line])).collect();
-    let sigma_px = median(&mut sigmas);
-    for at in found {
-        let noise = sigma_px * at.noise_gain;
-        let doubt = (SIGNIFICANT * noise / at.bend).powi(2);
-        if doubt.is_nan() || doubt >= 1.0 {
-            // At an edge of brightness it may be real all the same.
-            if stripe.flags[at.line].contains(Flags::EDGE) {
-                let sigma = &mut stripe.sigma_px[at.line];
-                *sigma = f64::from(*sigma).hypot(variance * at.bend) as f32;
-            }
-            continue;
+/// Takes back what blur does where a stripe bends; keeps its buffers.
+#[derive(Debug, Default)]
+pub(crate) struct Bends {
+    /// Natural logarithm of each line's strength.
+    ln_strength: Vec<f64>,
+    found: Vec<Local>,
+    squares: Vec<f64>,
+    sigmas: Vec<f64>,
+    /// Natural logarithms of width² and of 1 + slope².
+    widths: Vec<(f64, f64)>,
+}
+
+impl Bends {
+    /// Corrects the positions of `lines` for blur along a bent stripe, widens their sigmas by what that leaves unsure, and takes out those
+    /// beyond belief.
+    pub fn unbend(&mut self, stripe: &mut Stripe, lines: Range<usize>) {
+        let Self { ln_strength, found, squares, sigmas, widths } = self;
+        ln_strength.clear();
+        ln_strength.extend(stripe.amplitude[lines.clone()].iter().map(|a| f64::from(*a).max(1e-6).ln()));
+        found.clear();
+        found.extend(lines.clone().filter_map(|line| local(stripe, (&lines, ln_strength), line)));
+        let share = blur_along(found, stripe, widths);
+        // Width square to the stripe: a line cuts a steep one obliquely.
+        squares.clear();
+        squares.extend(
+            found
+                .iter()
+                .map(|at| f64::from(stripe.width_px[at.line]).powi(2) / (1.0 + share * at.slope * at.slope)),
+        );
+        if squares.is_empty() {
+            return;
         }
-        let shift = variance * at.bend * (1.0 - doubt);
-        if shift.abs() > limit {
-            stripe.drop_line(at.line, Reject::Bent);
-        } else {
-            let sigma = &mut stripe.sigma_px[at.line];
-            *sigma = f64::from(*sigma).hypot(UNSURE * shift).hypot(variance * noise) as f32;
-            stripe.position_px[at.line] = (f64::from(stripe.position_px[at.line]) - shift) as f32;
+        let variance = median(squares);
+        let (variance, limit) = (share * variance, LIMIT_WIDTHS * variance.sqrt());
+        // The stripe's usual noise: single sigmas are wide where a fit is poor, which a bend itself makes it.
+        sigmas.clear();
+        sigmas.extend(found.iter().map(|at| f64::from(stripe.sigma_px[at.line])));
+        let sigma_px = median(sigmas);
+        for at in found.iter() {
+            let noise = sigma_px * at.noise_gain;
+            let doubt = (SIGNIFICANT * noise / at.bend).powi(2);
+            if doubt.is_nan() || doubt >= 1.0 {
+                // At an edge of brightness it may be real all the same.
+                if stripe.flags[at.line].contains(Flags::EDGE) {
+                    let sigma = &mut stripe.sigma_px[at.line];
+                    *sigma = f64::from(*sigma).hypot(variance * at.bend) as f32;
+                }
+                continue;
+            }
+            let shift = variance * at.bend * (1.0 - doubt);
+            if shift.abs() > limit {
+                stripe.drop_line(at.line, Reject::Bent);
+            } else {
+                let sigma = &mut stripe.sigma_px[at.line];
+                *sigma = f64::from(*sigma).hypot(UNSURE * shift).hypot(variance * noise) as f32;
+                stripe.position_px[at.line] = (f64::from(stripe.position_px[at.line]) - shift) as f32;
+            }
         }
     }
 }
 
 /// Whether the stripe is blurred along as across (1), or only along its lines (0), as its widths tell: one cut obliquely by a line
 /// looks √(1 + f′²) as wide, a blur along the lines as wide everywhere. Without steep lines to tell by, the lens is believed.
-fn blur_along(found: &[Local], stripe: &Stripe) -> f64 {
+fn blur_along(found: &[Local], stripe: &Stripe, widths: &mut Vec<(f64, f64)>) -> f64 {
     /// Standard deviation of 1 beforehand, and of ln width² beyond its noise.
     const DOUBT: f64 = 0.5;
     const UNEVEN: f64 = 0.2;
@@ -92,15 +113,14 @@ fn blur_along(found: &[Local], stripe: &Stripe) -> f64 {
         let near = at.line.saturating_sub(REACH_LINES)..(at.line + REACH_LINES + 1).min(stripe.flags.len());
         !stripe.flags[near].iter().any(|flags| flags.contains(Flags::EDGE))
     };
-    let pairs = || {
-        found
-            .iter()
-            .filter(plain)
-            .map(|at| (f64::from(stripe.width_px[at.line]).powi(2).ln(), (1.0 + at.slope * at.slope).ln()))
-    };
-    let n = pairs().count() as f64;
-    let (width, slope) = pairs().fold((0.0, 0.0), |(a, b), (w, s)| (a + w / n, b + s / n));
-    let (cross, square) = pairs()
+    let both =
+        |at: &Local| (f64::from(stripe.width_px[at.line]).powi(2).ln(), (1.0 + at.slope * at.slope).ln());
+    widths.clear();
+    widths.extend(found.iter().filter(plain).map(both));
+    let n = widths.len() as f64;
+    let (width, slope) = widths.iter().fold((0.0, 0.0), |(a, b), (w, s)| (a + w / n, b + s / n));
+    let (cross, square) = widths
+        .iter()
         .fold((0.0, 0.0), |(c, q), (w, s)| (c + (w - width) * (s - slope), q + (s - slope) * (s - slope)));
     // Neighbours' widths go together: about one in ten lines says something of its own.
     let known = 0.1 * square / (UNEVEN * UNEVEN);
@@ -109,14 +129,35 @@ fn blur_along(found: &[Local], stripe: &Stripe) -> f64 {
     ((prior + known * told) / (prior + known)).clamp(0.0, 1.0)
 }
 
+/// What [`local`] finds where all lines within reach belong to the run, as nearly everywhere: the offsets' odd moments are 0.
+fn whole(position: &[f32], strength: &[f64], line: usize) -> Option<Local> {
+    const COUNT: usize = 2 * REACH_LINES + 1;
+    let (position, strength): (&[f32; COUNT], &[f64; COUNT]) =
+        (position.try_into().ok()?, strength.try_into().ok()?);
+    let (mut m, mut p, mut growth) = ([0.0; 3], [0.0; 3], 0.0);
+    for i in 0..COUNT {
+        let x = i as f64 - REACH_LINES as f64;
+        let (u, square) = (f64::from(position[i] - position[REACH_LINES]), x * x);
+        m = [m[0] + 1.0, m[1] + square, m[2] + square * square];
+        p = [p[0] + u, p[1] + x * u, p[2] + square * u];
+        growth += x * strength[i];
+    }
+    let determinant = m[0] * m[2] - m[1] * m[1];
+    let (curvature, slope) = ((m[0] * p[2] - m[1] * p[0]) / determinant, p[1] / m[1]);
+    let growth = growth / m[1];
+    let bend = curvature + slope * growth;
+    let noise_gain = (growth * growth / m[1] + m[0] / determinant).sqrt();
+    (bend.is_finite() && noise_gain.is_finite()).then_some(Local { line, slope, bend, noise_gain })
+}
+
 /// A parabola through the positions and a straight line through the logarithm of the strengths around `line`, over the unbroken
 /// run that it belongs to; `None` where that is too short.
-fn local(stripe: &Stripe, lines: &Range<usize>, line: usize) -> Option<Local> {
+fn local(stripe: &Stripe, (lines, strength): (&Range<usize>, &[f64]), line: usize) -> Option<Local> {
     let position = |i: usize| stripe.position_px[i];
     if position(line).is_nan() {
         return None;
     }
-    let ln_strength = |i: usize| f64::from(stripe.amplitude[i]).max(1e-6).ln();
+    let ln_strength = |i: usize| strength[i - lines.start];
     let even = |a: usize, b: usize| (ln_strength(a) - ln_strength(b)).abs() <= EDGE_STEP;
     let joined =
         |a: usize, b: usize| (position(b) - position(a)).abs() <= run_reach(stripe.width_px[a]) && even(a, b);
@@ -130,13 +171,19 @@ fn local(stripe: &Stripe, lines: &Range<usize>, line: usize) -> Option<Local> {
     if last + 1 - first < LEAST_LINES {
         return None;
     }
+    if first + REACH_LINES == line && line + REACH_LINES == last {
+        return whole(
+            &stripe.position_px[first..=last],
+            &strength[first - lines.start..=last - lines.start],
+            line,
+        );
+    }
     // Moments of the offsets from `line`, and of positions and strengths with them.
     let (mut m, mut p, mut s) = ([0.0; 5], [0.0; 3], [0.0; 2]);
     for i in first..=last {
         let x = i as f64 - line as f64;
         let powers = [1.0, x, x * x, x * x * x, x * x * x * x];
-        let (u, strength) =
-            (f64::from(position(i) - position(line)), f64::from(stripe.amplitude[i]).max(1e-6).ln());
+        let (u, strength) = (f64::from(position(i) - position(line)), ln_strength(i));
         (0..5).for_each(|k| m[k] += powers[k]);
         (0..3).for_each(|k| p[k] += powers[k] * u);
         (0..2).for_each(|k| s[k] += powers[k] * strength);

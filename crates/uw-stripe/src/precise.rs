@@ -1,6 +1,6 @@
 //! Maximum likelihood of every line: image → lines → candidates → track → fits → verdicts.
 
-use crate::bend::unbend;
+use crate::bend::Bends;
 use crate::edges::Edges;
 use crate::lines::{Clip, Line, Lines};
 use crate::mle::{self, Fit, Seed, WidthPrior};
@@ -53,6 +53,7 @@ pub(crate) struct Precise {
     snr: Vec<f64>,
     partial: Vec<usize>,
     edges: Edges,
+    bends: Bends,
     scatter: Scatter,
     /// Distance, px, within which candidates are grains of one stripe; 0: none are.
     grain_reach: f64,
@@ -81,6 +82,7 @@ impl Precise {
             snr: Vec::new(),
             partial: Vec::new(),
             edges: Edges::default(),
+            bends: Bends::default(),
             scatter: Scatter::default(),
             grain_reach: 0.0,
             speckle: 0.0,
@@ -209,7 +211,7 @@ impl Precise {
         verdict::drop_lonely(&mut self.stripe, lines.clone(), strong, &mut self.keep);
         // All ends first, then out with them, lest an end be eaten up line by line.
         self.edges.drop_partial(&mut self.stripe, lines.clone(), &mut self.partial);
-        unbend(&mut self.stripe, lines);
+        self.bends.unbend(&mut self.stripe, lines);
     }
 
     /// Verdict on line `i` of the region, all but its company.

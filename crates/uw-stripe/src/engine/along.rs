@@ -5,7 +5,7 @@ use fearless_simd::{Simd, dispatch};
 
 use super::{Engine, Job};
 use crate::Pixel;
-use crate::bend::unbend;
+use crate::bend::Bends;
 use crate::edges::{self, Edges};
 use crate::profile::{Flags, Reject, Stripe};
 use crate::scatter::{self, Centre, Scatter};
@@ -16,6 +16,7 @@ pub(super) struct Along {
     edges: Edges,
     scatter: Scatter,
     ends: Vec<usize>,
+    bends: Bends,
 }
 
 /// What is worth a closer look.
@@ -31,12 +32,12 @@ impl Engine {
     pub(super) fn along<P: Pixel>(&mut self, job: Job<'_, P>, stripe: &mut Stripe) {
         let (first_line, _, _) = job.origin();
         let lines = first_line..first_line + job.lines();
-        let (level, width) = (self.level, self.model.width_px);
+        let level = self.level;
         let (position, sigma) = (&stripe.position_px[lines.clone()], &stripe.sigma_px[lines.clone()]);
         let amplitude = &stripe.amplitude[lines.clone()];
-        let signs = dispatch!(level, simd => signs(simd, position, sigma, amplitude, width));
+        let signs = dispatch!(level, simd => signs(simd, position, sigma, amplitude));
         if signs.edges || signs.rough {
-            let Along { edges, scatter, ends } = &mut self.along;
+            let Along { edges, scatter, ends, .. } = &mut self.along;
             edges.load(lines.clone().map(|i| f64::from(stripe.amplitude[i]) * f64::from(stripe.width_px[i])));
             let centres = lines.clone().enumerate().map(|(i, line)| {
                 let unsound = Flags::SATURATED | Flags::NOT_CONVERGED;
@@ -63,8 +64,8 @@ impl Engine {
             }
             edges.drop_partial(stripe, lines.clone(), ends);
         }
-        if signs.bent {
-            unbend(stripe, lines.clone());
+        if signs.bent || signs.edges {
+            self.along.bends.unbend(stripe, lines.clone());
         }
         if signs.edges || signs.rough || signs.bent {
             for line in lines {
@@ -78,12 +79,8 @@ impl Engine {
 
 /// Looks over the lines in sums and counts alone; NaN, a line without a stripe, counts as nothing.
 #[inline(always)]
-fn signs<S: Simd>(_: S, position: &[f32], sigma: &[f32], amplitude: &[f32], width: f32) -> Signs {
-    Signs {
-        edges: uneven(amplitude),
-        rough: rough(position, sigma),
-        bent: bent(position, sigma, amplitude, width),
-    }
+fn signs<S: Simd>(_: S, position: &[f32], sigma: &[f32], amplitude: &[f32]) -> Signs {
+    Signs { edges: uneven(amplitude), rough: rough(position, sigma), bent: bent(position, sigma, amplitude) }
 }
 
 /// The `K` parts of equal length that begin `spacing` apart.
@@ -126,24 +123,25 @@ fn rough(position: &[f32], sigma: &[f32]) -> bool {
     all as usize >= scatter::LEAST && f64::from(beyond) > (1.0 - scatter::SHARE) * f64::from(all)
 }
 
-/// Whether blur pulls some centres by a good part of their sigmas.
+/// Whether some lines bend by more than their noise lets a correction tell: the parabola that `bend` fits, and what it takes to be more than
+/// chance, which a slight bend helps on.
 #[inline(always)]
-fn bent(position: &[f32], sigma: &[f32], amplitude: &[f32], width: f32) -> bool {
-    /// Pull, in sigmas of its line, that is worth taking back, and lines that show it.
-    const PULL: f32 = 0.5;
-    const LINES: u32 = 3;
-    // So far that the look's own noise is a twelfth of a line's.
-    let reach = (4.0 * width).ceil().max(4.0) as usize;
-    let (half, square) = (0.5 / reach as f32, width * width);
-    let [before, here, after] = parts(position, reach);
-    let [dim, light, bright] = parts(amplitude, reach);
-    let [_, sigma, _] = parts(sigma, reach);
-    let mut count = 0u32;
-    for i in 0..here.len() {
-        let curvature = (before[i] + after[i] - 2.0 * here[i]) * (4.0 * half * half);
-        let growth = (bright[i] - dim[i]) * half / light[i];
-        let pull = square * (0.5 * curvature + (after[i] - before[i]) * half * growth);
-        count += u32::from(pull.abs() > PULL * sigma[i]);
+fn bent(position: &[f32], sigma: &[f32], amplitude: &[f32]) -> bool {
+    /// Sigmas of a bend of which a share of the lines, and of which few, are no chance.
+    const USUAL: (f32, usize) = (3.5, 64);
+    const STRONG: (f32, u32) = (5.0, 3);
+    let [p3, p2, p1, p, q1, q2, q3] = parts(position, 1);
+    let [a3, a2, a1, a, b1, b2, b3] = parts(amplitude, 1);
+    let [_, _, _, sigma, ..] = parts::<7>(sigma, 1);
+    let (mut usual, mut strong) = (0u32, 0u32);
+    for i in 0..p.len() {
+        let curvature = (5.0 * (p3[i] + q3[i]) - 3.0 * (p1[i] + q1[i]) - 4.0 * p[i]) / 84.0;
+        let slope = (3.0 * (q3[i] - p3[i]) + 2.0 * (q2[i] - p2[i]) + (q1[i] - p1[i])) / 28.0;
+        let growth = (3.0 * (b3[i] - a3[i]) + 2.0 * (b2[i] - a2[i]) + (b1[i] - a1[i])) / (28.0 * a[i]);
+        let bend = curvature + slope * growth;
+        let variance = sigma[i] * sigma[i] * (1.0 / 84.0 + growth * growth / 28.0);
+        usual += u32::from(bend * bend > USUAL.0 * USUAL.0 * variance);
+        strong += u32::from(bend * bend > STRONG.0 * STRONG.0 * variance);
     }
-    count >= LINES
+    strong >= STRONG.1 || usual as usize >= p.len() / USUAL.1 + STRONG.1 as usize
 }
