@@ -9,6 +9,8 @@
 //! Gaussian, not of a parabola, which is off by up to 0.04 px half a pixel away. And what the smoothing takes away from a bend is given
 //! back: of curvature κ it moves the ridge by ½ σ² κ inwards (the Laplacian in polar coordinates), along a line by ½ σ² f″/(1 + f′²).
 
+use fearless_simd::{Level, dispatch};
+
 use crate::{Axis, NoiseModel, Pixel, View};
 
 mod onto;
@@ -61,6 +63,8 @@ pub(crate) struct Ridge {
     kernels: [Vec<f32>; 3],
     /// Noise after a bend's correction by that before.
     gain: f64,
+    /// Instructions of the processor at hand.
+    level: Level,
     first: Vec<Option<RidgePoint>>,
     onto: onto::Onto,
 }
@@ -110,6 +114,7 @@ impl Ridge {
             half,
             kernels,
             gain: straightening_gain(sigma),
+            level: Level::new(),
             first: Vec::new(),
             onto: onto::Onto::default(),
         }
@@ -229,6 +234,12 @@ impl Ridge {
 
     /// r, rx, ry, rxx, rxy, ryy of the image smoothed around pixel (x, y).
     fn derivatives<P: Pixel>(&self, image: &View<'_, P>, x: usize, y: usize) -> [f64; 6] {
+        // The same sums in the same order on every level: only the registers differ.
+        dispatch!(self.level, _simd => self.derivatives_here(image, x, y))
+    }
+
+    #[inline(always)]
+    fn derivatives_here<P: Pixel>(&self, image: &View<'_, P>, x: usize, y: usize) -> [f64; 6] {
         // Loops of known length over registers.
         match self.kernels[0].len() / LANES {
             1 => self.sums::<P, LANES>(image, x, y),
@@ -240,6 +251,7 @@ impl Ridge {
     }
 
     /// The sums behind [`Ridge::derivatives`], of kernels padded to `N`: down the columns first, all at once, then along the row.
+    #[inline(always)]
     fn sums<P: Pixel, const N: usize>(&self, image: &View<'_, P>, x: usize, y: usize) -> [f64; 6] {
         let half = self.half;
         let mut down = [[0.0f32; N]; 3];
@@ -261,13 +273,6 @@ impl Ridge {
                 down.iter_mut().zip(&value).for_each(|(d, v)| *d += weight * v);
             }
         }
-        let across = |down: &[f32; N], kernel: &[f32]| {
-            let mut sums = [0.0f32; LANES];
-            for (d, k) in down.chunks_exact(LANES).zip(kernel.chunks_exact(LANES)) {
-                sums.iter_mut().zip(d).zip(k).for_each(|((s, d), k)| *s += d * k);
-            }
-            f64::from(sums.iter().sum::<f32>())
-        };
         let [smooth, slope, bend] = &self.kernels;
         [
             across(&down[0], smooth),
@@ -343,6 +348,16 @@ fn straightening_gain(sigma: f64) -> f64 {
         after += (-reach..=reach).map(|x| sharpen(x) * smooth(at - x)).sum::<f64>().powi(2);
     }
     (after / before).sqrt()
+}
+
+/// The sum along a row.
+#[inline(always)]
+fn across<const N: usize>(down: &[f32; N], kernel: &[f32]) -> f64 {
+    let mut sums = [0.0f32; LANES];
+    for (d, k) in down.chunks_exact(LANES).zip(kernel.chunks_exact(LANES)) {
+        sums.iter_mut().zip(d).zip(k).for_each(|((s, d), k)| *s += d * k);
+    }
+    f64::from(sums.iter().sum::<f32>())
 }
 
 #[cfg(test)]
