@@ -63,7 +63,10 @@ pub enum FitError {
         got: usize,
     },
     /// No shape was found that enough of the points agree with.
-    #[error("no {shape} that {needed} of the {points} points agree with, at most {got} do")]
+    #[error(
+        "no {shape} that {needed} of the {points} points agree with, at most {got} do: crop the cloud to the {shape}, or have all shapes found \
+         (uwscan shapes, find_shapes)"
+    )]
     NoConsensus {
         /// The shape.
         shape: &'static str,
@@ -105,7 +108,10 @@ pub enum FitError {
         needed: f64,
     },
     /// The refinement did not come to rest.
-    #[error("the fit of a {shape} did not converge in {iterations} iterations")]
+    #[error(
+        "the fit of a {shape} did not converge in {iterations} iterations: most points may lie on something else; crop the cloud to the {shape}, or \
+         have all shapes found (uwscan shapes, find_shapes)"
+    )]
     NotConverged {
         /// The shape.
         shape: &'static str,
@@ -188,10 +194,15 @@ pub enum SurfaceError {
     /// All points are seen on one line.
     #[error("the points, as the sensor sees them, lie on one line: there is no surface between them")]
     NoArea,
+    /// Smoothing asks how well each point is known.
+    #[error(
+        "the cloud has no sigmas, by which smoothing weighs its points: mesh a cloud that has them, or don't smooth"
+    )]
+    NoSigmas,
     /// Every triangle was left out.
     #[error(
-        "no triangle is left: {} span voids, {} stand along the line of sight or the light, {} lead across steps", cut.voids,
-        cut.grazing, cut.steps
+        "no triangle is left: {} span voids, {} what was not seen, {} stand along the line of sight or the light, {} lead across steps",
+        cut.voids, cut.unseen, cut.grazing, cut.steps
     )]
     NothingLeft {
         /// Triangles by the reason that they were left out for.

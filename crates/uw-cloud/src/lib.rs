@@ -15,6 +15,7 @@
 //! A shape is a `fit::Surface`: its signed distance, the foot of a point under that point's own covariance, and
 //! the derivatives there. Everything else is shared between shapes.
 
+mod boundary;
 mod circle;
 mod cloud;
 mod compare;
@@ -38,6 +39,7 @@ mod shapes;
 mod sphere;
 mod surface;
 
+pub use boundary::Boundary;
 pub use circle::{CircleFit, CircleOptions, fit_circle};
 pub use cloud::{CloudPoint, Frame, PointCloud};
 pub use compare::{Bins, Comparison, compare};
@@ -52,4 +54,4 @@ pub use plane::{PlaneFit, PlaneOptions, fit_plane};
 pub use register::{Motion, Registration, Start, register};
 pub use shapes::{Relation, Relations, Shape, ShapeFit, ShapeOptions, Shapes, find_shapes, relations};
 pub use sphere::{SphereFit, SphereOptions, fit_sphere};
-pub use surface::{Cut, Parameters, Surface, SurfaceOptions, triangulate};
+pub use surface::{Cut, Parameters, Smoothed, Surface, SurfaceOptions, triangulate};

@@ -190,7 +190,7 @@ impl TriangleMesh {
         let links = Links::new(&self.triangles, self.vertices_mm.len());
         let boundary = links.twins.iter().filter(|&&twin| twin == NONE).count() - links.unpaired;
         Topology {
-            boundary_loops: links.loops(),
+            boundary_loops: links.loops().len(),
             boundary_edges: boundary,
             crowded_edges: links.crowded,
             flipped_edges: links.flipped,
@@ -270,17 +270,18 @@ impl Links {
     }
 
     /// Closed chains of border half-edges. Where two parts touch in one vertex, each keeps its own chain.
-    fn loops(&self) -> usize {
+    pub(crate) fn loops(&self) -> Vec<Vec<u32>> {
         let mut seen = vec![false; self.twins.len()];
-        let mut loops = 0;
+        let mut loops = Vec::new();
         for first in 0..self.twins.len() {
             if !self.border[first] || seen[first] {
                 continue;
             }
-            loops += 1;
+            let mut chain = Vec::new();
             let mut at = first;
             while !seen[at] {
                 seen[at] = true;
+                chain.push(at as u32);
                 // Around the end's fan of triangles to where it is open.
                 let mut next = at / 3 * 3 + (at + 1) % 3;
                 while self.twins[next] != NONE {
@@ -292,6 +293,7 @@ impl Links {
                 }
                 at = next;
             }
+            loops.push(chain);
         }
         loops
     }

@@ -2,13 +2,18 @@
 
 mod cut;
 mod delaunay;
+mod noise;
 mod normals;
+mod smooth;
+mod step;
 mod view;
+mod void;
 
 use crate::cloud::PointCloud;
 use crate::error::SurfaceError;
 use crate::mesh::{NONE, TriangleMesh};
 use nalgebra::{Matrix2, Vector2, Vector3};
+use noise::Noise;
 
 pub use cut::Cut;
 pub use view::Parameters;
@@ -21,11 +26,13 @@ pub struct SurfaceOptions {
     pub sensor_mm: Option<[f64; 3]>,
     /// Angle between a triangle's normal and the line of sight or the laser's light from which on it is no surface, rad.
     pub steepest_rad: f64,
+    /// Whether vertices are moved to what they and their neighbours say together, each by its sigma. It needs sigmas.
+    pub smooth: bool,
 }
 
 impl Default for SurfaceOptions {
     fn default() -> Self {
-        Self { sensor_mm: None, steepest_rad: 85_f64.to_radians() }
+        Self { sensor_mm: None, steepest_rad: 85_f64.to_radians(), smooth: false }
     }
 }
 
@@ -46,13 +53,25 @@ pub struct Surface {
     pub loose_points: usize,
     /// Triangles that were left out.
     pub cut: Cut,
+    /// What smoothing did, where it was asked for.
+    pub smoothed: Option<Smoothed>,
+}
+
+/// What smoothing did to the vertices.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct Smoothed {
+    /// Vertices that were moved. The others have few neighbours, or lie with them on no smooth surface.
+    pub moved: usize,
+    /// Root mean square of their moves, mm.
+    pub rms_mm: f64,
 }
 
 /// Anisotropy of the points' spacing from which on they are triangulated again in units of it: to well above it, what counts as a
 /// void does not depend on it.
 const ANISOTROPY: f64 = 5.0;
 
-/// Returns the surface through a cloud's points, none of them moved.
+/// Returns the surface through a cloud's points, none of them moved unless [`SurfaceOptions::smooth`] says so.
 ///
 /// The points are triangulated in the plane that they were seen in: of the raw image where they have pixels, else of directions from
 /// the sensor. Triangles are left out that span a void, stand along the line of sight or the light, or lead across a step (see
@@ -61,7 +80,7 @@ const ANISOTROPY: f64 = 5.0;
 ///
 /// # Errors
 /// [`SurfaceError`] for fewer than three points, values that are not finite, points on one line or all in one direction, points about
-/// the sensor, and where no triangle is left.
+/// the sensor, where no triangle is left, and for smoothing without sigmas.
 pub fn triangulate(cloud: &PointCloud, options: &SurfaceOptions) -> Result<Surface, SurfaceError> {
     cloud.check_finite()?;
     if cloud.len() < 3 {
@@ -69,6 +88,10 @@ pub fn triangulate(cloud: &PointCloud, options: &SurfaceOptions) -> Result<Surfa
     }
     if cloud.len() >= (NONE / 6) as usize {
         return Err(SurfaceError::TooManyPoints { allowed: (NONE / 6) as usize, got: cloud.len() });
+    }
+    let noise = Noise::of(cloud);
+    if options.smooth && !noise.is_told() {
+        return Err(SurfaceError::NoSigmas);
     }
     let sensor_mm = Vector3::from(options.sensor_mm.unwrap_or_default());
     let (parameters, mut places) = view::places(cloud, sensor_mm, options.sensor_mm.is_none())?;
@@ -80,7 +103,7 @@ pub fn triangulate(cloud: &PointCloud, options: &SurfaceOptions) -> Result<Surfa
     if flat.triangles.is_empty() {
         return Err(SurfaceError::NoArea);
     }
-    let (kept, cut) = cut::cut(cloud, &places, &flat, sensor_mm, options.steepest_rad);
+    let (kept, cut) = cut::cut(cloud, &places, &flat, &noise, sensor_mm, options.steepest_rad);
     let mut triangles: Vec<[u32; 3]> =
         flat.triangles.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(t, _)| *t).collect();
     let shared_places = flat.shared;
@@ -93,16 +116,43 @@ pub fn triangulate(cloud: &PointCloud, options: &SurfaceOptions) -> Result<Surfa
         triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
     }
     let of = |values: &[f32]| points.iter().map(|&p| values[p as usize]).collect::<Vec<_>>();
-    let positions = points.iter().map(|&p| cloud.positions_mm()[p as usize]).collect();
+    let mut positions: Vec<[f64; 3]> = points.iter().map(|&p| cloud.positions_mm()[p as usize]).collect();
+    let mut sigmas = cloud.sigmas_mm().map(of);
+    let mut smoothed = None;
+    if options.smooth {
+        let rough =
+            TriangleMesh::new(cloud.frame(), positions.clone(), triangles.clone())?.with_vertex_normals();
+        let steps = smooth::steps(cloud, &points, &triangles, rough.normals().unwrap_or_default(), &noise);
+        smoothed = Some(applied(&steps, &mut positions, sigmas.as_deref_mut()));
+    }
     let mut mesh = TriangleMesh::new(cloud.frame(), positions, triangles)?.with_vertex_normals();
-    if let Some(sigmas) = cloud.sigmas_mm() {
-        mesh = mesh.with_sigmas_mm(of(sigmas))?;
+    if let Some(sigmas) = sigmas {
+        mesh = mesh.with_sigmas_mm(sigmas)?;
     }
     if let Some(intensities) = cloud.intensities() {
         mesh = mesh.with_intensities(of(intensities))?;
     }
     let loose_points = cloud.len() - points.len();
-    Ok(Surface { mesh, points, parameters, shared_places, loose_points, cut })
+    Ok(Surface { mesh, points, parameters, shared_places, loose_points, cut, smoothed })
+}
+
+/// Moves vertices by their steps, and returns how many and how far.
+fn applied(
+    steps: &[Option<smooth::Step>],
+    positions: &mut [[f64; 3]],
+    mut sigmas: Option<&mut [f32]>,
+) -> Smoothed {
+    let (mut moved, mut squares) = (0, 0.0);
+    for (v, step) in steps.iter().enumerate() {
+        let Some(step) = step else { continue };
+        positions[v] = (Vector3::from(positions[v]) + step.move_mm).into();
+        if let Some(sigma) = sigmas.as_deref_mut().and_then(|all| all.get_mut(v)) {
+            *sigma *= step.sigma_ratio as f32;
+        }
+        moved += 1;
+        squares += step.move_mm.norm_squared();
+    }
+    Smoothed { moved, rms_mm: (squares / moved.max(1) as f64).sqrt() }
 }
 
 /// Numbers the corners by the points that are used, in their order, and returns those points.

@@ -1,6 +1,6 @@
 //! `uwscan mesh`.
 
-use std::time::Instant;
+use std::{fmt::Write, time::Instant};
 
 use serde::Serialize;
 use uwscan::{
@@ -32,6 +32,9 @@ pub struct Args {
     /// Leave out triangles that the line of sight or the light meets at this angle to their normal, or a larger one
     #[arg(long, value_name = "DEG", default_value = "85", value_parser = steepest)]
     steepest: f64,
+    /// Move each vertex, by its sigma, to what it and its neighbours say together; without it no vertex is moved
+    #[arg(long)]
+    smooth: bool,
     /// Write a PLY or STL as text rather than binary
     #[arg(long)]
     ascii: bool,
@@ -60,6 +63,10 @@ struct Record {
     shared_places: usize,
     parameters: &'static str,
     left_out: LeftOut,
+    /// The largest first.
+    holes: Vec<Hole>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    smoothed: Option<Moved>,
     frame: &'static str,
     warnings: Vec<String>,
     surface_seconds: f64,
@@ -71,7 +78,26 @@ struct LeftOut {
     voids: usize,
     grazing: usize,
     steps: usize,
+    unseen: usize,
 }
+
+/// A border that goes round something open.
+#[derive(Serialize)]
+struct Hole {
+    edges: usize,
+    perimeter_mm: f64,
+    area_mm2: f64,
+    center_mm: [f64; 3],
+}
+
+#[derive(Serialize)]
+struct Moved {
+    vertices: usize,
+    rms_mm: f64,
+}
+
+/// Holes that the text lists.
+const LISTED: usize = 3;
 
 /// Makes the surface, writes it and prints what came out.
 ///
@@ -83,7 +109,11 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     atomic::check(&args.output.path, overwrite)?;
     let (cloud, problems) = clouds::read(&args.cloud.path)?;
     let outcome = console.problems(&problems);
-    let options = SurfaceOptions { sensor_mm: args.sensor, steepest_rad: args.steepest.to_radians() };
+    let options = SurfaceOptions {
+        sensor_mm: args.sensor,
+        steepest_rad: args.steepest.to_radians(),
+        smooth: args.smooth,
+    };
     let made = Instant::now();
     let surface =
         triangulate(&cloud, &options).map_err(|e| anyhow::anyhow!("{}: {e}", args.cloud.path.display()))?;
@@ -120,7 +150,10 @@ fn record(surface: &Surface, topology: &Topology, points: usize, warnings: Vec<S
             voids: surface.cut.voids,
             grazing: surface.cut.grazing,
             steps: surface.cut.steps,
+            unseen: surface.cut.unseen,
         },
+        holes: holes(surface),
+        smoothed: surface.smoothed.map(|s| Moved { vertices: s.moved, rms_mm: s.rms_mm }),
         frame: surface.mesh.frame().name(),
         warnings,
         surface_seconds: 0.0,
@@ -128,16 +161,31 @@ fn record(surface: &Surface, topology: &Topology, points: usize, warnings: Vec<S
     }
 }
 
+fn holes(surface: &Surface) -> Vec<Hole> {
+    let mut holes: Vec<Hole> = surface
+        .mesh
+        .boundaries()
+        .iter()
+        .filter(|border| border.is_hole)
+        .map(|border| Hole {
+            edges: border.vertices.len(),
+            perimeter_mm: border.perimeter_mm,
+            area_mm2: border.area_mm2,
+            center_mm: border.center_mm,
+        })
+        .collect();
+    holes.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    holes
+}
+
 fn text(args: &Args, record: &Record) -> String {
     let seen = match record.parameters {
         "image" => "as the image shows them",
         _ => "by direction from the sensor",
     };
-    format!(
+    let mut text = format!(
         "{}: {} triangles on {} vertices, {:.1} mm², {} frame, {:.2} s\n  \
-         borders      {} loops (outer borders and holes) of {} edges, {} parts\n  \
-         points       {} triangulated {seen}; {} on no triangle, {} in the place of another\n  \
-         left out     {} triangles across voids, {} along the line of sight or the light, {} across steps\n",
+         borders      {} loops (outer borders and holes) of {} edges, {} parts\n",
         args.output.path.display(),
         record.triangles,
         record.vertices,
@@ -147,11 +195,34 @@ fn text(args: &Args, record: &Record) -> String {
         record.boundary_loops,
         record.boundary_edges,
         record.components,
+    );
+    if !record.holes.is_empty() {
+        let of = |hole: &Hole| {
+            let [x, y, z] = hole.center_mm;
+            format!("{:.1} mm² at {x:.1}, {y:.1}, {z:.1}", hole.area_mm2)
+        };
+        let listed: Vec<String> = record.holes.iter().take(LISTED).map(of).collect();
+        let more = if record.holes.len() > LISTED { "; …" } else { "" };
+        _ = writeln!(text, "  holes        {}: {}{more}", record.holes.len(), listed.join("; "));
+    }
+    _ = writeln!(
+        text,
+        "  points       {} triangulated {seen}; {} on no triangle, {} in the place of another\n  \
+         left out     {} triangles across voids, {} across what was not seen, {} along the line of sight or the light, {} across steps",
         record.points,
         record.loose_points,
         record.shared_places,
         record.left_out.voids,
+        record.left_out.unseen,
         record.left_out.grazing,
         record.left_out.steps,
-    )
+    );
+    if let Some(moved) = &record.smoothed {
+        _ = writeln!(
+            text,
+            "  smoothed     {} vertices moved, by {:.4} mm rms; sigmas are those after it",
+            moved.vertices, moved.rms_mm
+        );
+    }
+    text
 }

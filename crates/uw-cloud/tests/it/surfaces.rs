@@ -1,6 +1,7 @@
 //! Surfaces of scenes whose truth is known, seen by the synthetic scanner.
 
 use crate::scene::{BASELINE_MM, FOCAL_PX, Line, ball_lines, bare, cloud, gauss, random, uniform};
+use proptest::prelude::*;
 use rand::rngs::StdRng;
 use uw_cloud::{
     CloudPoint, Frame, Parameters, PointCloud, SurfaceError, SurfaceOptions, TriangleMesh, triangulate,
@@ -60,6 +61,66 @@ fn across(mesh: &TriangleMesh, side: impl Fn(&[f64; 3]) -> bool) -> usize {
         sides[0] != sides[1] || sides[1] != sides[2]
     };
     mesh.triangles().iter().filter(sides).count()
+}
+
+/// Triangles of which some place lies farther than this off the surface, mm: noise, and what a triangle cuts off of the roundest surface here.
+const OFF_MM: f64 = 0.5;
+
+/// Counts the triangles that are no surface: a place in their middle, or on an edge, neither as deep as the scene is within the sheets' spacing, nor in a wall
+/// there: nothing nearer is told apart.
+fn no_surface(mesh: &TriangleMesh, depth_mm: &dyn Fn(f64, f64) -> f64) -> usize {
+    let reach = SHEET_STEP * DEPTH_MM;
+    let off = |[x, y, z]: [f64; 3]| {
+        let about = (-4..=4).flat_map(|i| (-4..=4).map(move |j| [i, j].map(f64::from))).map(|[i, j]| {
+            let [dx, dy] = [i, j].map(|k| 0.25 * k * reach);
+            depth_mm(x + dx, y + dy)
+        });
+        let (least, most) =
+            about.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), depth| (a.min(depth), b.max(depth)));
+        z < least - OFF_MM || z > most + OFF_MM
+    };
+    let weights = [[1.0, 1.0, 1.0], [1.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0]];
+    let is_off = |t: &&[u32; 3]| {
+        weights.iter().any(|w| {
+            let total: f64 = w.iter().sum();
+            off(std::array::from_fn(|k| {
+                (0..3).map(|c| w[c] * mesh.vertices_mm()[t[c] as usize][k]).sum::<f64>() / total
+            }))
+        })
+    };
+    mesh.triangles().iter().filter(is_off).count()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// A strip that stands out, a pipe and a disc, of any size, above the floor and turned anyhow: nothing is spanned between them and what lies behind.
+    #[test]
+    fn nothing_spans_what_was_not_seen(
+        kind in 0..3,
+        turn in 0.0..std::f64::consts::TAU,
+        half in 8.0..25.0f64,
+        height in 3.0..30.0f64,
+        seed in 0..1000u64,
+    ) {
+        let (s, c) = turn.sin_cos();
+        let depth = move |x: f64, y: f64| {
+            let across = (c * x + s * y).abs();
+            match kind {
+                0 if across < half => DEPTH_MM - height,
+                // Half of it and more stands out: the sight touches it above the floor.
+                1 if across < half => DEPTH_MM - height - (half * half - across * across).sqrt(),
+                2 if x.hypot(y) < half => DEPTH_MM - height,
+                _ => DEPTH_MM,
+            }
+        };
+        let cloud = sweep(depth, &mut random(seed));
+        let surface = triangulate(&cloud, &SurfaceOptions::default()).unwrap();
+        sound(&surface.mesh);
+        prop_assert_eq!(no_surface(&surface.mesh, &depth), 0, "{:?}", surface.cut);
+        let used = surface.points.len() as f64 / cloud.len() as f64;
+        prop_assert!(used > 0.98, "{} of the points are on triangles: {:?}", used, surface.cut);
+    }
 }
 
 fn sound(mesh: &TriangleMesh) {
@@ -238,4 +299,81 @@ fn a_far_offset_and_duplicates_change_nothing() {
     assert_eq!(far.mesh.topology().components, 1);
     let ratio = far.mesh.area_mm2() / plain.mesh.area_mm2();
     assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
+}
+
+/// Distances of a mesh's vertices from a depth of the scene along z, mm, away from its border.
+fn heights(mesh: &TriangleMesh, depth_mm: impl Fn(f64, f64) -> f64) -> Vec<f64> {
+    let inner = mesh.vertices_mm().iter().filter(|p| p[0].abs() < 35.0 && p[1].abs() < 25.0);
+    inner.map(|p| p[2] - depth_mm(p[0], p[1])).collect()
+}
+
+fn rms(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    (values.clone().map(|v| v * v).sum::<f64>() / values.count().max(1) as f64).sqrt()
+}
+
+#[test]
+fn smoothing_takes_noise_off_and_leaves_form() {
+    let wave = |x: f64, y: f64| DEPTH_MM + 4.0 * (x / 12.0).sin() + 2.0 * (y / 9.0).cos();
+    let cloud = sweep(wave, &mut random(8));
+    let smooth = SurfaceOptions { smooth: true, ..SurfaceOptions::default() };
+    let (rough, smooth) =
+        (triangulate(&cloud, &SurfaceOptions::default()).unwrap(), triangulate(&cloud, &smooth).unwrap());
+    assert_eq!(rough.mesh.triangles(), smooth.mesh.triangles(), "what is connected does not change");
+    assert_eq!((rough.smoothed, smooth.points.len()), (None, rough.points.len()));
+    let moved = smooth.smoothed.unwrap();
+    assert!(moved.moved as f64 > 0.95 * smooth.points.len() as f64, "{moved:?}");
+    let (before, after) = (heights(&rough.mesh, wave), heights(&smooth.mesh, wave));
+    let ratio = rms(after.iter().copied()) / rms(before.iter().copied());
+    // A quadratic surface of six terms through two rings, some nineteen points: its middle keeps about 0.3 of a point's variance.
+    assert!((0.35..0.65).contains(&ratio), "{ratio}");
+    // What its sigmas say is what is left, and there is no bias on crests.
+    let sigma = |mesh: &TriangleMesh| rms(mesh.sigmas_mm().unwrap().iter().map(|s| f64::from(*s)));
+    let said = sigma(&smooth.mesh) / sigma(&rough.mesh);
+    assert!((said / ratio - 1.0).abs() < 0.15, "sigmas shrink by {said}, errors by {ratio}");
+    let crest = |mesh: &TriangleMesh| {
+        let on_crest = mesh.vertices_mm().iter().filter(|p| (p[0] / 12.0).sin() > 0.9 && p[1].abs() < 25.0);
+        let off: Vec<f64> = on_crest.map(|p| p[2] - wave(p[0], p[1])).collect();
+        off.iter().sum::<f64>() / off.len() as f64
+    };
+    // The points themselves are deeper by half of the step that the light is followed in.
+    let bias = crest(&smooth.mesh) - crest(&rough.mesh);
+    assert!(bias.abs() < 0.004, "{bias} mm");
+}
+
+#[test]
+fn smoothing_keeps_steps_and_weighs_by_sigma() {
+    let strip = |x: f64, _: f64| if x.abs() < 12.0 { DEPTH_MM - 6.0 } else { DEPTH_MM };
+    let cloud = sweep(strip, &mut random(9));
+    // Every seventh point is known ten times better.
+    let better = |i: usize| i.is_multiple_of(7);
+    let flat = |i: usize, p: &[f64; 3]| {
+        let true_mm = if p[2] < DEPTH_MM - 3.0 { DEPTH_MM - 6.0 } else { DEPTH_MM };
+        let share = if better(i) { 0.1 } else { 1.0 };
+        // Along the line of light, x = slope z − baseline.
+        let z = true_mm + share * (p[2] - true_mm);
+        [(p[0] + BASELINE_MM) / p[2] * z - BASELINE_MM, p[1] / p[2] * z, z]
+    };
+    let positions = cloud.positions_mm().iter().enumerate().map(|(i, p)| flat(i, p)).collect();
+    let covariances = cloud.covariances_mm2().unwrap().iter().enumerate();
+    let covariances = covariances.map(|(i, c)| if better(i) { c.map(|c| 0.01 * c) } else { *c }).collect();
+    let cloud = PointCloud::new(Frame::Camera, positions)
+        .with_pixels(cloud.pixels().unwrap().to_vec())
+        .unwrap()
+        .with_covariances_mm2(covariances)
+        .unwrap();
+    let smooth = SurfaceOptions { smooth: true, ..SurfaceOptions::default() };
+    let surface = triangulate(&cloud, &smooth).unwrap();
+    let off = |p: &[f64; 3]| if p[2] < DEPTH_MM - 3.0 { p[2] - DEPTH_MM + 6.0 } else { p[2] - DEPTH_MM };
+    let of = |which: bool, places: &dyn Fn(usize) -> [f64; 3]| {
+        let chosen = (0..surface.points.len()).filter(|&v| better(surface.points[v] as usize) == which);
+        rms(chosen.map(|v| off(&places(v))).collect::<Vec<_>>().into_iter())
+    };
+    let before = |v: usize| cloud.positions_mm()[surface.points[v] as usize];
+    let after = |v: usize| surface.mesh.vertices_mm()[v];
+    // With good points about them the others come closer than equals would bring them.
+    assert!(of(false, &after) < 0.4 * of(false, &before), "{} {}", of(false, &after), of(false, &before));
+    assert!(of(true, &after) < 1.05 * of(true, &before), "{} {}", of(true, &after), of(true, &before));
+    assert_eq!(across(&surface.mesh, |p| p[2] < DEPTH_MM - 3.0), 0);
+    let bare = triangulate(&bare(&cloud), &smooth);
+    assert_eq!(bare, Err(SurfaceError::NoSigmas));
 }
