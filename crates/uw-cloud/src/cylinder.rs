@@ -135,11 +135,12 @@ pub(crate) fn refit(
     Ok((free_result(fitted, &sample), inliers))
 }
 
-/// Returns the cylinder of least squares of distances to points about the origin, from a start.
-pub(crate) fn least_squares(points: &[Vector3<f64>], tube: Tube) -> Option<Tube> {
+/// Returns the cylinder of least squares of distances to points about the origin, from a start; a
+/// scatter below the resolution is none.
+pub(crate) fn least_squares(points: &[Vector3<f64>], tube: Tube, resolution_mm: f64) -> Option<Tube> {
     let observations: Vec<Observation> = points.iter().map(|&p| Observation::at(p)).collect();
     let all: Vec<&Observation> = observations.iter().collect();
-    Some(refine(FreeTube(tube.centred()), &all, 1.0, 0.0)?.0)
+    Some(refine(FreeTube(tube.centred()), &all, 1.0, resolution_mm)?.0)
 }
 
 fn free_result(fitted: Fitted<FreeTube, 5>, sample: &Sample) -> CylinderFit {

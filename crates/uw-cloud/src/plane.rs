@@ -90,15 +90,17 @@ pub(crate) fn refit(
     Ok((result(fitted, &sample, sensor), inliers))
 }
 
-/// Returns the plane of least squares of distances to points about the origin, from a start.
+/// Returns the plane of least squares of distances to points about the origin, from a start; a
+/// scatter below the resolution is none.
 pub(crate) fn least_squares(
     points: &[Vector3<f64>],
     normal: Unit<Vector3<f64>>,
     anchor: Vector3<f64>,
+    resolution_mm: f64,
 ) -> Option<(Unit<Vector3<f64>>, Vector3<f64>)> {
     let observations: Vec<Observation> = points.iter().map(|&p| Observation::at(p)).collect();
     let all: Vec<&Observation> = observations.iter().collect();
-    let flat = refine(Flat { normal, anchor }, &all, 1.0, 0.0)?;
+    let flat = refine(Flat { normal, anchor }, &all, 1.0, resolution_mm)?;
     Some((flat.normal, flat.anchor))
 }
 

@@ -2,6 +2,7 @@
 
 use crate::cloud::{PointCloud, unpacked};
 use crate::error::{CloudError, FitError};
+use crate::plane::square_to;
 use crate::robust::median;
 use nalgebra::{Matrix3, Vector3};
 
@@ -100,13 +101,8 @@ impl Sample {
                 index,
             };
             if let Some(covariance) = covariances.map(|all| &all[index]) {
-                let eigen = unpacked(covariance).symmetric_eigen();
-                let least = eigen.eigenvalues.min();
-                if least < -COVARIANCE_ROUNDING * eigen.eigenvalues.max() {
-                    return Err(FitError::InvalidCovariance { index, variance_mm2: least });
-                }
-                observation.axes = eigen.eigenvectors;
-                observation.variances = eigen.eigenvalues.map(|v| v.max(0.0));
+                (observation.axes, observation.variances) = principal(covariance)
+                    .map_err(|variance_mm2| FitError::InvalidCovariance { index, variance_mm2 })?;
             }
             observations.push(observation);
         }
@@ -132,6 +128,30 @@ impl Sample {
     }
 }
 
+/// Returns the principal axes of a covariance, as columns, and the variances along them, mm²; the negative variance where it is
+/// no covariance.
+///
+/// A scanner's is of rank one but for rounding, and then known without an eigenvalue problem.
+fn principal(covariance: &[f32; 6]) -> Result<(Matrix3<f64>, Vector3<f64>), f64> {
+    let matrix = unpacked(covariance);
+    let column = matrix.column(matrix.diagonal().imax());
+    if let Some(axis) = column.try_normalize(0.0) {
+        let variance = axis.dot(&(matrix * axis));
+        if variance > 0.0
+            && (matrix - axis * axis.transpose() * variance).amax() <= COVARIANCE_ROUNDING * variance
+        {
+            let [first, second] = square_to(&axis);
+            return Ok((Matrix3::from_columns(&[axis, first, second]), Vector3::new(variance, 0.0, 0.0)));
+        }
+    }
+    let eigen = matrix.symmetric_eigen();
+    let least = eigen.eigenvalues.min();
+    if least < -COVARIANCE_ROUNDING * eigen.eigenvalues.max() {
+        return Err(least);
+    }
+    Ok((eigen.eigenvectors, eigen.eigenvalues.map(|v| v.max(0.0))))
+}
+
 /// Checks that all that a fit uses is finite, and small enough for squares of it to be.
 pub(crate) fn check_positions(cloud: &PointCloud) -> Result<(), CloudError> {
     let usable = |value: f64| value.abs() < 1e100;
@@ -143,5 +163,27 @@ pub(crate) fn check_positions(cloud: &PointCloud) -> Result<(), CloudError> {
     match covariances.iter().position(|c| !c.iter().all(|c| c.is_finite())) {
         Some(index) => Err(bad("covariance", index)),
         None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn principal_axes_make_the_covariance_again() {
+        let along = Vector3::new(0.3, -0.1, 1.2);
+        let rank_one = along * along.transpose();
+        let full = rank_one + Matrix3::from_diagonal(&Vector3::new(0.01, 0.02, 0.03));
+        for matrix in [rank_one, full, Matrix3::zeros(), Matrix3::identity()] {
+            let packed = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|at| matrix[at] as f32);
+            let (axes, variances) = principal(&packed).unwrap();
+            let again = axes * Matrix3::from_diagonal(&variances) * axes.transpose();
+            // f32 holds seven digits.
+            assert!((again - matrix).amax() < 1e-6, "{matrix} {again}");
+            assert!((axes.transpose() * axes - Matrix3::identity()).amax() < 1e-12);
+        }
+        assert!(principal(&[-1.0, 0.0, 0.0, 0.0, 0.0, 0.0]).is_err_and(|least| (least + 1.0).abs() < 1e-6));
+        assert!(principal(&[1.0, 0.0, 0.0, 1.0, 0.0, -0.5]).is_err());
     }
 }

@@ -135,15 +135,17 @@ pub(crate) fn refit(
     Ok((result(&fitted.surface.0, &sample, fitted.covariance, fitted.deviations, fitted.influence), inliers))
 }
 
-/// Returns the sphere of least squares of distances to points about the origin, from a start.
+/// Returns the sphere of least squares of distances to points about the origin, from a start; a
+/// scatter below the resolution is none.
 pub(crate) fn least_squares(
     points: &[Vector3<f64>],
     center: Vector3<f64>,
     radius: f64,
+    resolution_mm: f64,
 ) -> Option<(Vector3<f64>, f64)> {
     let observations: Vec<Observation> = points.iter().map(|&p| Observation::at(p)).collect();
     let all: Vec<&Observation> = observations.iter().collect();
-    let ball = refine(FreeSphere(Ball { center, radius }), &all, 1.0, 0.0)?.0;
+    let ball = refine(FreeSphere(Ball { center, radius }), &all, 1.0, resolution_mm)?.0;
     Some((ball.center, ball.radius))
 }
 

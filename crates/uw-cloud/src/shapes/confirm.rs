@@ -1,9 +1,12 @@
 //! Whether a fitted shape is what it is called: whether its points tell it from its nearest relatives.
 //!
-//! A narrow band of a cone lies on a sphere as well, a short piece of a bent edge on a cylinder, a gently curved patch on a plane. So the
-//! deviations are regressed on what those relatives would show, together with the shape's own parameters: on a sphere a difference
-//! of its two curvatures, and of the one across a band, on a cylinder a taper and a curvature along its axis, on a plane curvatures. The shape is confirmed where
-//! these are known to be small.
+//! A narrow band of a cone lies on a sphere as well, a short piece of a bent edge on a cylinder, a gently curved patch on a plane. A figure
+//! places each shape between itself, 0, and the relative, 1: on a sphere a difference of its two curvatures, and of the one across a band, on a
+//! cylinder a taper and a curvature along its axis, on either how flat it is. The shape is confirmed where every figure is nearer to it than to the relative,
+//! below one half, with a chance of one in ten thousand that this is by noise ([`SIGMAS`]).
+//!
+//! The same holds for what lies off it: less than half of its variance may be form, whether neighbours show it, which lie off alike
+//! (`Hunt::is_noise_about`), or a regression on what the relatives would show. More of a shape is thus told by more points, and nothing is claimed of a few.
 
 use crate::cylinder::CylinderFit;
 use crate::plane::square_to;
@@ -12,20 +15,15 @@ use crate::shapes::primitive::Primitive;
 use crate::sphere::SphereFit;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-/// Largest standard deviation of a radius, in shares of it.
-const RADIUS_KNOWN: f64 = 0.05;
+/// Half-way between a shape and its relative, and between noise and form.
+const HALFWAY: f64 = 0.5;
 
-/// Largest standard deviation of a relative's figure: a curvature by the shape's own, or the slope of a taper.
-const FIGURE_KNOWN: f64 = 0.1;
+/// What a Gaussian exceeds once in ten thousand times: of a dozen tests a shape, one shape in a thousand is wrongly confirmed that lies
+/// half-way.
+const SIGMAS: f64 = 3.719;
 
-/// A figure as large and as many of its sigmas is one: the shape is another (a relative's is about 1).
-const FIGURE_LARGE: f64 = 0.2;
-const FIGURE_SIGMAS: f64 = 6.0;
-
-/// Share of the deviations' squares that relatives may explain.
-const EXPLAINED: f64 = 0.3;
-
-/// Most of what no covariance tells, in units of the roughness that is typical in the cloud.
+/// Most of what no covariance tells, in units of the roughness that is typical in the cloud: a scanner's noise grows with the square of the depth, and so differs twofold
+/// over its range, hardly more.
 const ROUGHER: f64 = 2.0;
 
 /// Points that are looked at.
@@ -42,28 +40,31 @@ pub(super) fn confirmed(
     resolved_mm: f64,
 ) -> bool {
     let deviations = fit.deviations();
-    let unexplained = deviations.floor_mm.unwrap_or(deviations.rms_mm);
+    let unexplained = deviations.floor_mm.unwrap_or(deviations.rms_mm).min(deviations.rms_mm);
     let known = match fit {
         ShapeFit::Plane(_) => true,
+        // Its flat relative has no curvature.
         ShapeFit::Sphere(SphereFit { radius_mm, sigma_radius_mm, .. })
         | ShapeFit::Cylinder(CylinderFit { radius_mm, sigma_radius_mm, .. }) => {
-            *sigma_radius_mm <= RADIUS_KNOWN * radius_mm && *radius_mm >= resolved_mm
+            SIGMAS * sigma_radius_mm <= HALFWAY * radius_mm && *radius_mm >= resolved_mm
         }
     };
     known
-        && (unexplained <= ROUGHER * typical_mm || deviations.rms_mm <= ROUGHER * typical_mm)
+        && unexplained <= ROUGHER * typical_mm
         && relatives_are_told_apart(primitive, points).unwrap_or(false)
+}
+
+/// Returns whether a share of the deviations' variance that is form, as `samples` independent ones tell it, is below one half, surely. A squared
+/// correlation of one half is known to sqrt(1/2n), and other shares of it at least as well.
+pub(super) fn is_mostly_noise(share: f64, samples: f64) -> bool {
+    share + SIGMAS * (0.5 / samples.max(1.0)).sqrt() <= HALFWAY
 }
 
 /// Returns whether the relatives' figures are known to be small; `None` where the points determine none.
 fn relatives_are_told_apart(primitive: &Primitive, points: &[Vector3<f64>]) -> Option<bool> {
     let chosen: Vec<&Vector3<f64>> = points.iter().step_by(points.len().div_ceil(LOOKED_AT).max(1)).collect();
     let middle = chosen.iter().copied().sum::<Vector3<f64>>() / chosen.len().max(1) as f64;
-    let own = match primitive {
-        Primitive::Plane { .. } => 3,
-        Primitive::Sphere { .. } => 4,
-        Primitive::Cylinder(_) => 5,
-    };
+    let own = primitive.parameters();
     let band = band(primitive, &chosen);
     let rows: Vec<Vec<f64>> = chosen.iter().map(|p| regressors(primitive, p, &middle, &band)).collect();
     let columns = rows.first()?.len();
@@ -74,24 +75,27 @@ fn relatives_are_told_apart(primitive: &Primitive, points: &[Vector3<f64>]) -> O
     let whole = DMatrix::from_fn(chosen.len(), columns, |i, j| rows[i][j]);
     let scales: Vec<f64> = whole.column_iter().map(|c| c.norm().max(f64::MIN_POSITIVE)).collect();
     let scaled = DMatrix::from_fn(chosen.len(), columns, |i, j| whole[(i, j)] / scales[j]);
-    let rest = |matrix: &DMatrix<f64>| {
-        let solution = matrix.clone().svd(true, true).solve(&off, 1e-12).ok()?;
-        let rest = (&off - matrix * &solution).norm_squared();
-        Some((solution, rest))
+    let (gram, right) = (scaled.tr_mul(&scaled), scaled.tr_mul(&off));
+    // Squares that the first so many columns leave.
+    let left = |count: usize| {
+        let solution =
+            gram.view((0, 0), (count, count)).into_owned().cholesky()?.solve(&right.rows(0, count));
+        Some(((&off - scaled.columns(0, count) * &solution).norm_squared(), solution))
     };
-    let (_, before) = rest(&scaled.columns(0, own).into_owned())?;
-    let (solution, after) = rest(&scaled)?;
-    // Exact points are told from nothing by their scatter: rounding is all there is.
-    let variance = after / (chosen.len() - columns) as f64;
-    let inverse = (scaled.transpose() * &scaled).try_inverse()?;
-    let exact = before.sqrt() <= 1e-9 * middle.norm().max(scales[own - 1]);
+    let (before, _) = left(own)?;
+    let (after, solution) = left(columns)?;
+    let inverse = gram.clone().cholesky()?.inverse();
+    let degrees = |count: usize| (chosen.len() - count) as f64;
+    let variance = after / degrees(columns);
     let figures_small = matches!(primitive, Primitive::Plane { .. })
         || (own..columns).all(|k| {
-            let (figure, sigma) =
-                (solution[k] / scales[k], (variance * inverse[(k, k)].max(0.0)).sqrt() / scales[k]);
-            sigma <= FIGURE_KNOWN && (figure.abs() <= FIGURE_LARGE || figure.abs() <= FIGURE_SIGMAS * sigma)
+            let sigma = (variance * inverse[(k, k)].max(0.0)).sqrt();
+            solution[k].abs() + SIGMAS * sigma <= HALFWAY * scales[k]
         });
-    Some(figures_small && (exact || before - after <= EXPLAINED * before))
+    // Exact points are told from nothing by their scatter: rounding is all there is.
+    let exact = before.sqrt() <= 1e-9 * middle.norm().max(scales[own - 1]);
+    let share = 1.0 - variance / (before / degrees(own));
+    Some(figures_small && (exact || is_mostly_noise(share, degrees(columns))))
 }
 
 /// Returns what a step of each of the shape's own parameters and then of its relatives' figures does to a point's distance.

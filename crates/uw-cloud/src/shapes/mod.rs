@@ -24,7 +24,7 @@ use crate::cylinder::CylinderFit;
 use crate::deviations::{Deviations, Influence};
 use crate::error::{CloudError, FitError};
 use crate::neighbours::Neighbours;
-use crate::normals::{NORMAL_NEIGHBOURS, local_plane};
+use crate::normals::{LocalPlane, NORMAL_NEIGHBOURS, local_plane};
 use crate::plane::PlaneFit;
 use crate::robust::{Random, median};
 use crate::sphere::SphereFit;
@@ -41,11 +41,19 @@ const MAX_ROUNDS: usize = 24;
 /// How far off a point may lie, in units of the roughness that its neighbours show.
 const TOLERANCE: f64 = 4.0;
 
-/// How much alike neighbours may lie off a shape: more is a surface of another form (see [`Field::likeness`]).
-const MOST_ALIKE: f64 = 0.35;
+/// Roughness, in shares of how far neighbours are, that is as good as none: coordinates are not written down more exactly.
+const EXACT: f64 = 1e-6;
 
-/// Fewest points a shape may have.
-const LEAST_POINTS: usize = 30;
+/// Scatter in shares of the roughness that is none.
+const ROUNDING: f64 = 1e-4;
+
+/// Points of a shape whose neighbours are asked whether they lie off it alike, and neighbours of each.
+const PAIRED: usize = 500;
+const NEAREST: usize = 6;
+
+/// Neighbourhoods that each of a shape's parameters needs: a normal is that of a neighbourhood, and so is the tolerance, so that the points of one
+/// are flat by construction. With two, half of what they say tests the other half.
+const NEIGHBOURHOODS: usize = 2;
 
 /// How shapes are searched.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -246,7 +254,10 @@ impl<'a> Hunt<'a> {
             })
             .collect();
         if self.roughness_mm <= 0.0 {
-            self.roughness_mm = median(&mut local.iter().map(|(_, l)| l.roughness_mm).collect::<Vec<_>>());
+            let middle = |of: fn(&LocalPlane) -> f64| {
+                median(&mut local.iter().map(|(_, l)| of(l)).collect::<Vec<_>>())
+            };
+            self.roughness_mm = middle(|l| l.roughness_mm).max(EXACT * middle(|l| l.reach_mm));
         }
         let typical = self.roughness_mm;
         let tolerance = |roughness: f64, reach: f64| {
@@ -279,7 +290,8 @@ impl<'a> Hunt<'a> {
         }
         self.remaining = left;
         claimed.sort_unstable();
-        if claimed.len() < LEAST_POINTS {
+        let least = NEIGHBOURHOODS * NORMAL_NEIGHBOURS * candidate.primitive.parameters();
+        if claimed.len() < least {
             return Ok(None);
         }
         let scatter = self.roughness_mm;
@@ -288,20 +300,48 @@ impl<'a> Hunt<'a> {
                 let primitive = Primitive::of(&fit, &self.origin);
                 let near: Vec<Vector3<f64>> =
                     points.iter().map(|&i| self.cloud.vector(i) - self.origin).collect();
-                let sound = points.len() >= LEAST_POINTS
-                    && field.likeness(&primitive, &candidate.members) <= MOST_ALIKE
+                let sound = points.len() >= least
                     && confirm::confirmed(
                         &fit,
                         &primitive,
                         &near,
                         self.roughness_mm,
                         field.reach(&candidate.members),
-                    );
+                    )
+                    && self.is_noise_about(&primitive, &points);
                 Ok(sound.then_some(Shape { fit, points }))
             }
             Err(error @ (FitError::Cloud(_) | FitError::InvalidCovariance { .. })) => Err(error),
             Err(_) => Ok(None),
         }
+    }
+
+    /// Returns whether what lies off a surface is noise for the most part, rather than form: by how much neighbours among its points lie
+    /// off it alike, the mean product of two neighbours' distances by the mean square, which is the share of form.
+    ///
+    /// Neighbours on one stripe share errors, so that those on others are asked where the cloud tells.
+    fn is_noise_about(&self, primitive: &Primitive, points: &[usize]) -> bool {
+        let off = |i: usize| primitive.distance(&(self.cloud.vector(i) - self.origin));
+        let rows = self.cloud.frame_rows();
+        let (mut products, mut pairs) = (0.0, 0.0_f64);
+        let (mut squares, mut count) = (0.0, 0.0_f64);
+        for &i in points.iter().step_by(points.len().div_ceil(PAIRED).max(1)) {
+            let own = off(i);
+            squares += own * own;
+            count += 1.0;
+            let near = self.tree.nearest(&self.cloud.positions_mm()[i], NORMAL_NEIGHBOURS);
+            let others = near.into_iter().map(|(_, j)| j).filter(|&j| {
+                j != i && rows.is_none_or(|rows| rows[i] != rows[j]) && points.binary_search(&j).is_ok()
+            });
+            for j in others.take(NEAREST) {
+                products += own * off(j);
+                pairs += 1.0;
+            }
+        }
+        let squares = squares / count.max(1.0);
+        // Rounding has any pattern.
+        squares.sqrt() <= ROUNDING * self.roughness_mm
+            || pairs > 0.0 && confirm::is_mostly_noise(products / pairs / squares, count)
     }
 
     /// Makes one of two shapes of a kind where one fit holds nearly all points of both.

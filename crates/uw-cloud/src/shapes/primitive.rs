@@ -41,6 +41,11 @@ impl Primitive {
         }
     }
 
+    /// Returns the number of its parameters.
+    pub(super) fn parameters(&self) -> usize {
+        self.kind() + 3
+    }
+
     /// Returns the shapes through two oriented points, of each kind at most one.
     pub(super) fn through(a: &Oriented, b: &Oriented) -> [Option<Self>; KINDS] {
         let apart = b.point - a.point;
@@ -105,18 +110,22 @@ impl Primitive {
         outward.dot(&o.normal).abs() >= cosine * outward.norm()
     }
 
-    /// Returns the shape of least squares of distances to points, from this one.
-    pub(super) fn refined(&self, points: &[Vector3<f64>]) -> Option<Self> {
+    /// Returns the shape of least squares of distances to points, from this one; a scatter below the resolution is none.
+    pub(super) fn refined(&self, points: &[Vector3<f64>], resolution_mm: f64) -> Option<Self> {
         let middle = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
         let near: Vec<Vector3<f64>> = points.iter().map(|p| p - middle).collect();
         match self {
-            Self::Plane { normal, anchor } => plane::least_squares(&near, *normal, anchor - middle)
-                .map(|(normal, anchor)| Self::Plane { normal, anchor: anchor + middle }),
-            Self::Sphere { center, radius } => sphere::least_squares(&near, center - middle, *radius)
-                .map(|(center, radius)| Self::Sphere { center: center + middle, radius }),
+            Self::Plane { normal, anchor } => {
+                plane::least_squares(&near, *normal, anchor - middle, resolution_mm)
+                    .map(|(normal, anchor)| Self::Plane { normal, anchor: anchor + middle })
+            }
+            Self::Sphere { center, radius } => {
+                sphere::least_squares(&near, center - middle, *radius, resolution_mm)
+                    .map(|(center, radius)| Self::Sphere { center: center + middle, radius })
+            }
             Self::Cylinder(tube) => {
                 let moved = Tube { anchor: tube.anchor - middle, ..*tube };
-                cylinder::least_squares(&near, moved)
+                cylinder::least_squares(&near, moved, resolution_mm)
                     .map(|tube| Self::Cylinder(Tube { anchor: tube.anchor + middle, ..tube }))
             }
         }

@@ -29,6 +29,9 @@ const FALSE_ALARMS: f64 = -6.9;
 /// Share of the points of a more complicated shape that a simpler one must hold to be taken instead.
 const AS_GOOD: f64 = 0.93;
 
+/// Scatter in shares of the tolerance at which a search has come to its end: a fit by rounding alone would not.
+const EXACT: f64 = 1e-6;
+
 /// Points that every shape needs at least, times its parameters.
 const LEAST_A_PARAMETER: usize = 3;
 
@@ -39,6 +42,8 @@ pub(super) struct Field {
     pub(super) tree: Neighbours,
     /// Which points are still of no shape.
     pub(super) free: Vec<bool>,
+    /// Scatter about a shape that is none, mm.
+    resolution_mm: f64,
 }
 
 /// A shape and the points of the field that hold to it and hang together.
@@ -56,7 +61,8 @@ impl Field {
         });
         let links = links.collect();
         let free = vec![true; points.len()];
-        Self { points, links, tree, free }
+        let resolution_mm = EXACT * median(&mut points.iter().map(|o| o.tolerance).collect::<Vec<_>>());
+        Self { points, links, tree, free, resolution_mm }
     }
 
     /// Returns the best shape among the free points that chance does not explain, `None` where there is none.
@@ -154,7 +160,7 @@ impl Field {
     fn settled(&self, mut candidate: Candidate, free: &[usize]) -> Option<Candidate> {
         for _ in 0..6 {
             let points: Vec<Vector3<f64>> = candidate.members.iter().map(|&i| self.points[i].point).collect();
-            let refined = candidate.primitive.refined(&points)?;
+            let refined = candidate.primitive.refined(&points, self.resolution_mm)?;
             let next = self.grown(refined, free)?;
             if next.members.len() <= candidate.members.len() {
                 return Some(if next.members.len() == candidate.members.len() { next } else { candidate });
@@ -178,29 +184,14 @@ impl Field {
         candidate.members.iter().map(share).sum()
     }
 
-    /// Returns by how much neighbours among the members lie off the surface alike: the mean product of two neighbours' distances by
-    /// the mean square, 0 for noise, towards 1 for a surface of another form.
-    pub(super) fn likeness(&self, primitive: &Primitive, members: &[usize]) -> f64 {
-        let mut off = vec![None; self.points.len()];
-        members.iter().for_each(|&i| off[i] = Some(primitive.distance(&self.points[i].point)));
-        let (mut products, mut pairs) = (0.0, 0.0_f64);
-        for &i in members {
-            for &j in &self.links[i] {
-                if let (Some(a), Some(b)) = (off[i], off[j as usize]) {
-                    products += a * b;
-                    pairs += 1.0;
-                }
-            }
-        }
-        let squares: f64 = off.iter().flatten().map(|d: &f64| d * d).sum();
-        if pairs > 0.0 && squares > 0.0 { products / pairs / (squares / members.len() as f64) } else { 0.0 }
-    }
-
     /// Returns the candidate as the simplest kind that holds nearly all of its members.
     fn simplest(&self, candidate: Candidate, free: &[usize]) -> Candidate {
         let points: Vec<Vector3<f64>> = candidate.members.iter().map(|&i| self.points[i].point).collect();
         for kind in 0..candidate.primitive.kind() {
-            let simpler = candidate.primitive.as_kind(kind, &points).and_then(|p| p.refined(&points));
+            let simpler = candidate
+                .primitive
+                .as_kind(kind, &points)
+                .and_then(|p| p.refined(&points, self.resolution_mm));
             let simpler = simpler.and_then(|p| self.grown(p, free));
             if let Some(simpler) = simpler.and_then(|c| self.settled(c, free))
                 && self.closeness(&simpler) >= AS_GOOD * self.closeness(&candidate)

@@ -1,7 +1,10 @@
 //! Tests of the public fits: one binary.
 
 mod bad_input;
+mod degenerate;
+mod hunts;
 mod monte_carlo;
+mod no_shapes;
 mod properties;
 mod registers;
 mod round_shapes;

@@ -102,19 +102,6 @@ fn the_same_cloud_gives_the_same_shapes_and_a_limit_the_largest() {
     assert!(found.shapes.windows(2).all(|w| w[0].points.len() >= w[1].points.len()));
 }
 
-/// Points at random in a box, and points on a surface that bends both ways unevenly.
-#[test]
-fn nothing_comes_out_of_noise_or_of_other_surfaces() {
-    for seed in 0..6 {
-        let mut random = random(seed);
-        let noise = (0..6000)
-            .map(|_| [0, 1, 2].map(|k| uniform(&mut random, -50.0, 50.0) + if k == 2 { 800.0 } else { 0.0 }));
-        let found = find(&PointCloud::new(Frame::Camera, noise.collect()));
-        assert!(found.shapes.is_empty(), "seed {seed}: {:?}", kinds(&found));
-        assert_eq!(found.unassigned_points, 6000);
-    }
-}
-
 #[test]
 fn a_pipe_with_its_flange_comes_as_two_cylinders_and_a_floor() {
     let mut random = random(12);
