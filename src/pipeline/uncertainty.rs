@@ -8,7 +8,7 @@
 use crate::Error;
 use nalgebra::{DMatrix, Isometry3, Matrix3xX, Point3, Vector2, Vector3};
 use std::collections::HashMap;
-use uw_calib::{Calibration, GLOBALS, Instrument};
+use uw_calib::{Calibration, Coordinate, GLOBALS, Instrument};
 use uw_cloud::{Frame, Influence, PointCloud};
 use uw_geom::{Dual, Medium, Real, Scanner, Sheet};
 
@@ -18,6 +18,9 @@ const MOST_MISS_MM: f64 = 0.01;
 
 /// Lowest and highest index of refraction that is looked for, apart from air's.
 const INDICES: [f64; 2] = [1.2, 1.5];
+
+/// Difference of indices that is none: so well is one read off the points.
+const SAME_INDEX: f64 = 1e-5;
 
 /// Points that the index is read from.
 const ASKED: usize = 101;
@@ -32,6 +35,7 @@ type Varied = Instrument<Dual<GLOBALS>>;
 /// The errors that the points of a cloud share because one calibration made them.
 pub struct SharedErrors<'a> {
     cloud: &'a PointCloud,
+    calibration: &'a Calibration,
     scanner: &'a Scanner,
     varied: Varied,
     medium: Medium,
@@ -61,6 +65,7 @@ impl<'a> SharedErrors<'a> {
         let varied = calibration.instrument.variables::<GLOBALS, GLOBALS>();
         let mut shared = Self {
             cloud,
+            calibration,
             scanner,
             varied,
             medium: Medium::air(),
@@ -75,6 +80,26 @@ impl<'a> SharedErrors<'a> {
             shared.varied_medium = Medium::of_index(Dual::constant(nominal) + shared.varied.water_offset);
         }
         Ok(shared)
+    }
+
+    /// Returns the same with a water's index that was not the calibration's, but told by whoever scanned, who knows it to `sigma`: its error is then
+    /// independent of the calibration's, which are as uncertain as before.
+    pub fn with_index_known_to(mut self, sigma: f64) -> Self {
+        let index = Coordinate::WaterIndex as usize;
+        if let Some(mut covariance) = self.calibration.covariance.clone() {
+            covariance.row_mut(index).fill(0.0);
+            covariance.column_mut(index).fill(0.0);
+            covariance[(index, index)] = sigma * sigma;
+            self.root = root(&covariance);
+        }
+        self
+    }
+
+    /// Returns the index of the water that the calibration knows, where the light was traced with another one: the scan's own water was, or was said to be, another.
+    /// `None` where it is that one, in air, and after a calibration that knows no water.
+    pub fn other_index(&self) -> Option<f64> {
+        let known = self.calibration.water(self.calibration.nominal_water_index?).index;
+        (self.medium.index > 1.0 && (self.medium.index - known).abs() > SAME_INDEX).then_some(known)
     }
 
     /// Returns the index that the light was traced with.

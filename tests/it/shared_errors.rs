@@ -88,8 +88,19 @@ fn gauss(random: &mut StdRng) -> f64 {
 
 /// The artefact as the true instrument shows it and the calibrated one measures it.
 fn scan(truth: &Instrument, calibrated: &Scanner, frame: Frame, random: &mut StdRng) -> PointCloud {
+    scan_traced_in(WATER, truth, calibrated, frame, random)
+}
+
+/// The same with light traced as in water of another index.
+fn scan_traced_in(
+    index: f64,
+    truth: &Instrument,
+    calibrated: &Scanner,
+    frame: Frame,
+    random: &mut StdRng,
+) -> PointCloud {
     let outside = Medium::of_index(WATER + truth.water_offset);
-    let nominal = Medium::of_index(WATER);
+    let nominal = Medium::of_index(index);
     let mut points = Vec::new();
     // From beside the artefact to beside it.
     for row in 0..220 {
@@ -280,4 +291,35 @@ fn clouds_of_other_calibrations_are_refused() {
     let found = find_shapes(&cloud, &ShapeOptions::default()).unwrap();
     let refused = SharedErrors::new(&cloud, &turned).unwrap().of(found.shapes[0].fit.influence());
     assert!(matches!(refused, Err(Error::OtherCalibration { miss_mm }) if miss_mm > 0.01), "{refused:?}");
+}
+
+/// An index that reconstruct was given has its own error, whatever the calibration thinks of its water: what it does to a ball's place is that of tracing the same pixels
+/// with another index.
+#[test]
+fn an_index_that_was_given_is_as_uncertain_as_it_is_said_to_be() {
+    const STEP: f64 = 1e-4;
+    let (calibration, _) = calibration();
+    let traced = |index: f64| {
+        let mut random = StdRng::seed_from_u64(7);
+        let (truth, calibrated) = (&calibration.instrument, calibration.scanner());
+        part(&scan_traced_in(index, truth, calibrated, Frame::Camera, &mut random), 0)
+    };
+    let cloud = traced(WATER);
+    let fit = fit_sphere(&cloud, &SphereOptions::default()).unwrap();
+    let variance = |mut shared: SharedErrors<'_>| {
+        let part = shared.of(&fit.influence).unwrap();
+        (&part * part.transpose())[(2, 2)]
+    };
+    let shared = || SharedErrors::new(&cloud, &calibration).unwrap();
+    let [exact, once, twice] = [0.0, STEP, 2.0 * STEP].map(|s| variance(shared().with_index_known_to(s)));
+    assert!(((twice - exact) / (once - exact) - 4.0).abs() < 1e-6, "{exact} {once} {twice}");
+    let moved = fit_sphere(&traced(WATER + STEP), &SphereOptions::default()).unwrap();
+    let by_difference = moved.center_mm[2] - fit.center_mm[2];
+    let ratio = (once - exact).sqrt() / by_difference.abs();
+    // Which points are outliers, and the noise floor, may change with the step.
+    assert!((ratio - 1.0).abs() < 0.02, "{ratio}, {by_difference} mm");
+    assert_eq!(shared().other_index(), None);
+    let elsewhere = traced(WATER + 0.006);
+    let known = SharedErrors::new(&elsewhere, &calibration).unwrap().other_index();
+    assert!(known.is_some_and(|known| (known - WATER).abs() < 1e-12), "{known:?}");
 }

@@ -9,6 +9,7 @@ mod figures;
 mod output;
 mod progress;
 mod records;
+mod shared_part;
 mod signals;
 mod text;
 

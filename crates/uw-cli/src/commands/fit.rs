@@ -1,7 +1,5 @@
 //! `uwscan fit`.
 
-use std::path::PathBuf;
-
 use clap::Subcommand;
 use nalgebra::SMatrix;
 use serde::Serialize;
@@ -10,8 +8,7 @@ use uwscan::{
         CircleOptions, CylinderOptions, FitError, Influence, PlaneOptions, SphereOptions, fit_circle,
         fit_cylinder, fit_plane, fit_sphere,
     },
-    io::{Problem, calibration_toml, clouds},
-    pipeline::uncertainty::SharedErrors,
+    io::clouds,
 };
 
 use crate::{
@@ -20,6 +17,7 @@ use crate::{
     exit::Outcome,
     output,
     records::{self, Matrix, Record},
+    shared_part::SharedArgs,
 };
 
 /// Arguments of `fit`.
@@ -46,9 +44,8 @@ struct CloudArgs {
     /// Point cloud: .ply, .xyz or .csv
     #[arg(value_parser = CloudFile::parser())]
     cloud: CloudFile,
-    /// The calibration that the cloud was reconstructed with: adds its part of the uncertainty, which all points share
-    #[arg(short, long, value_name = "FILE")]
-    calibration: Option<PathBuf>,
+    #[command(flatten)]
+    shared: SharedArgs,
     /// Print one JSON object instead of text
     #[arg(long)]
     json: bool,
@@ -92,14 +89,16 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         Shape::Plane(args) => (args, None),
     };
     let (cloud, mut problems) = clouds::read(&source.cloud.path)?;
-    let calibration = read_calibration(source.calibration.as_ref(), &mut problems)?;
+    let calibration = source.shared.read(&mut problems)?;
     let outcome = console.problems(&problems);
     let at_cloud = |e: FitError| anyhow::anyhow!("{}: {e}", source.cloud.path.display());
-    let total = |covariance: &Matrix, influence: &Influence| -> anyhow::Result<Option<Matrix>> {
+    let mut warnings = Vec::new();
+    let mut total = |covariance: &Matrix, influence: &Influence| -> anyhow::Result<Option<Matrix>> {
         let Some(file) = &calibration else { return Ok(None) };
-        let of_cloud = |e: uwscan::Error| anyhow::anyhow!("{}: {e}", source.cloud.path.display());
-        let mut shared = SharedErrors::new(&cloud, &file.calibration).map_err(of_cloud)?;
-        shared.total(covariance, influence).map(Some).map_err(of_cloud)
+        let path = &source.cloud.path;
+        let mut shared = source.shared.errors(path, &cloud, file, console, &mut warnings)?;
+        let total = shared.total(covariance, influence);
+        total.map(Some).map_err(|e| anyhow::anyhow!("{}: {e}", path.display()))
     };
     let (name, record) = match &args.shape {
         Shape::Sphere(_) => {
@@ -128,7 +127,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     };
     let frame = cloud.frame().name();
     if source.json {
-        output::json(&Output { record, frame, warnings: output::warnings(&[], &problems) })?;
+        output::json(&Output { record, frame, warnings: output::warnings(&warnings, &problems) })?;
     } else {
         output::print(format!("{name}\n{}", record.text(radius_mm.is_some(), frame)))?;
     }
@@ -137,18 +136,4 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
 
 fn dynamic<const N: usize>(covariance: &SMatrix<f64, N, N>) -> Matrix {
     Matrix::from_fn(N, N, |i, j| covariance[(i, j)])
-}
-
-/// The calibration that was named, if one was.
-///
-/// # Errors
-/// It can't be read.
-pub fn read_calibration(
-    path: Option<&PathBuf>,
-    problems: &mut Vec<Problem>,
-) -> anyhow::Result<Option<calibration_toml::CalibrationFile>> {
-    let Some(path) = path else { return Ok(None) };
-    let (file, noted) = calibration_toml::read(path)?;
-    problems.extend(noted);
-    Ok(Some(file))
 }

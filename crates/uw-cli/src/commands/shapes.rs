@@ -1,21 +1,20 @@
 //! `uwscan shapes`.
 
-use std::{fmt::Write, num::NonZeroUsize, path::PathBuf, time::Instant};
+use std::{fmt::Write, num::NonZeroUsize, time::Instant};
 
 use serde::Serialize;
 use uwscan::{
     cloud::{Relation, Relations, Shape, ShapeOptions, find_shapes, relations},
     io::clouds,
-    pipeline::uncertainty::SharedErrors,
 };
 
 use crate::{
     cloud_file::CloudFile,
-    commands::fit::read_calibration,
     console::Console,
     exit::Outcome,
     output,
     records::{self, Matrix, with_total},
+    shared_part::SharedArgs,
 };
 
 /// Arguments of `shapes`.
@@ -27,9 +26,8 @@ pub struct Args {
     /// At most so many shapes, those with the most points
     #[arg(long, value_name = "N")]
     max: Option<NonZeroUsize>,
-    /// The calibration that the cloud was reconstructed with: adds its part of the uncertainty, which all points share
-    #[arg(short, long, value_name = "FILE")]
-    calibration: Option<PathBuf>,
+    #[command(flatten)]
+    shared: SharedArgs,
     /// Print one JSON object instead of text
     #[arg(long)]
     json: bool,
@@ -84,16 +82,17 @@ const LISTED: usize = 20;
 /// The cloud or the calibration can't be read, or don't belong together.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let (cloud, mut problems) = clouds::read(&args.cloud.path)?;
-    let calibration = read_calibration(args.calibration.as_ref(), &mut problems)?;
+    let calibration = args.shared.read(&mut problems)?;
     let outcome = console.problems(&problems);
     let path = args.cloud.path.display();
     let began = Instant::now();
     let options = ShapeOptions { max: args.max.map(NonZeroUsize::get), ..ShapeOptions::default() };
     let found = find_shapes(&cloud, &options).map_err(|e| anyhow::anyhow!("{path}: {e}"))?;
+    let mut warnings = Vec::new();
     let parts = match &calibration {
         Some(file) => {
             let of_cloud = |e: uwscan::Error| anyhow::anyhow!("{path}: {e}");
-            let mut shared = SharedErrors::new(&cloud, &file.calibration).map_err(of_cloud)?;
+            let mut shared = args.shared.errors(&args.cloud.path, &cloud, file, console, &mut warnings)?;
             let parts = found.shapes.iter().map(|shape| shared.of(shape.fit.influence()));
             Some(parts.collect::<Result<Vec<_>, _>>().map_err(of_cloud)?)
         }
@@ -116,7 +115,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         points: cloud.len(),
         unassigned_points: found.unassigned_points,
         frame: cloud.frame().name(),
-        warnings: output::warnings(&[], &problems),
+        warnings: output::warnings(&warnings, &problems),
         seconds,
     };
     if args.json {
