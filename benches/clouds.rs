@@ -1,0 +1,36 @@
+//! Shapes and meshes of a sweep, beside what anything with a cloud begins with, in the same run: its k-d tree, and normals at all of its points.
+
+mod scan;
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use std::hint::black_box;
+use uwscan::cloud::{
+    NORMAL_NEIGHBOURS, Neighbours, ShapeOptions, SphereOptions, SurfaceOptions, find_shapes, fit_sphere,
+    normals, triangulate,
+};
+
+/// The paper's cover has as many.
+const POINTS: usize = 36_000;
+
+fn clouds(c: &mut Criterion) {
+    let cloud = scan::sweep(POINTS);
+    let mut group = c.benchmark_group("clouds");
+    group.sample_size(20).throughput(Throughput::Elements(cloud.len() as u64));
+    group.bench_function("baseline: k-d tree", |b| {
+        b.iter(|| Neighbours::new(black_box(cloud.positions_mm())));
+    });
+    group.bench_function("baseline: normals", |b| {
+        b.iter(|| normals(black_box(&cloud), NORMAL_NEIGHBOURS, &[0.0; 3]));
+    });
+    group.bench_function("shapes", |b| b.iter(|| find_shapes(black_box(&cloud), &ShapeOptions::default())));
+    group.bench_function("mesh", |b| b.iter(|| triangulate(black_box(&cloud), &SurfaceOptions::default())));
+    let smooth = SurfaceOptions { smooth: true, ..SurfaceOptions::default() };
+    group.bench_function("mesh, smoothed", |b| b.iter(|| triangulate(black_box(&cloud), &smooth)));
+    group.bench_function("fit of a sphere among other shapes", |b| {
+        b.iter(|| fit_sphere(black_box(&cloud), &SphereOptions::default()));
+    });
+    group.finish();
+}
+
+criterion_group!(benches, clouds);
+criterion_main!(benches);
