@@ -199,7 +199,8 @@ pub fn triangulate_surface(
         return Err(input(py, format!("steepest_deg must be from 45 to 90, got {steepest_deg}")));
     }
     let sensor_mm = sensor_mm.map(|any| triple("sensor_mm", any)).transpose()?;
-    let options = SurfaceOptions { sensor_mm, steepest_rad: steepest_deg.to_radians() };
+    let options =
+        SurfaceOptions { sensor_mm, steepest_rad: steepest_deg.to_radians(), ..SurfaceOptions::default() };
     let cloud = cloud_of(cloud, None, None)?;
     let made = py.detach(|| triangulate(&cloud, &options)).or_raise(py)?;
     Ok(Mesh { inner: made.mesh, points: Some(made.points) })
