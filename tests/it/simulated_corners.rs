@@ -44,7 +44,7 @@ fn corners_of_a_simulated_board_have_no_bias() {
         let view = GreyView::new(Samples::U8(values), layout, 255).unwrap();
         let found = detect(&view, &board).unwrap();
         assert_eq!(found.corners.len(), 88);
-        let pose = &truth["target"]["board_poses"][frame.pose.unwrap() as usize];
+        let pose = &truth["board_poses"][frame.pose.unwrap() as usize];
         let number = |value: &serde_json::Value| value.as_f64().unwrap();
         let rotation = Matrix3::from_fn(|i, k| number(&pose["rotation"][i][k]));
         let origin = Vector3::from_fn(|i, _| number(&pose["translation_mm"][i]));

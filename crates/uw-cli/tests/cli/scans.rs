@@ -10,7 +10,7 @@ use crate::{
 };
 
 /// A vehicle file in a folder of its own, with everything of it simulated before the ball of the fixtures' scene: half the image, so that it
-/// is quick, and a calibration that is the instrument's drawing is not needed to record.
+/// is quick, and without a calibration it is only recorded.
 pub fn simulated(more: &str) -> TempDir {
     let dir = TempDir::new().unwrap();
     let scenes = fixture("scenes");
@@ -132,7 +132,7 @@ pub fn replayed(port: Option<&str>, calibration: Option<&str>) -> TempDir {
     };
     let text = format!(
         "format = \"uwscan-vehicle\"\nversion = 1\nrig = {rig:?}\n{calibration}\n\
-         [galvo]\n{galvo}\nrange_v = [-10.0, 10.0]\nslew_v_per_s = 1000.0\nsettle_ms = 1.0\nfollow_v = 0.001\n\
+         [galvo]\n{galvo}\nrange_v = [-10.0, 10.0]\nslew_v_per_s = 1000.0\nsettle_ms = 1.0\nfollow_v = 0.001\ntimeout_ms = 5000.0\n\
          park_v = -0.5\n\n[laser]\ndriver = {laser:?}\n\n[camera]\ndriver = \"replay\"\nid = {ball:?}\nwidth = 768\nheight = 576\n\
          bits = 8\nexposure_ms = 1.0\ntimeout_ms = 1000.0\n\n[sweep]\nmode = \"step\"\nfrom_v = -1.0\nto_v = 1.0\ncount = 2\n\n\
          [disk]\nfolder = \".\"\nmin_free_mb = 1.0\n"
