@@ -27,7 +27,7 @@ fn corners_of_a_simulated_board_have_no_bias() {
     let path = |name: &str| folder.path().join(name);
     calibration_toml::write(&path("calibration.toml"), Overwrite::Refuse, &CALIBRATION).unwrap();
     std::fs::write(path("scene.toml"), SCENE).unwrap();
-    simulate(&path("scene.toml"), &path("capture"), Overwrite::Refuse, &Silent).unwrap();
+    simulate(&path("scene.toml"), None, &path("capture"), Overwrite::Refuse, &Silent).unwrap();
     let capture = Capture::open(&path("capture")).unwrap();
     let rig = capture.rig.as_ref().unwrap();
     let truth = std::fs::read_to_string(path("capture/truth/truth.json")).unwrap();
