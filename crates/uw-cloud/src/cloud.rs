@@ -58,6 +58,9 @@ pub struct PointCloud {
     pixels: Option<Vec<[f32; 2]>>,
     sigmas_mm: Option<Vec<f32>>,
     covariances_mm2: Option<Vec<[f32; 6]>>,
+    normals: Option<Vec<[f32; 3]>>,
+    deviations_mm: Option<Vec<f32>>,
+    colors: Option<Vec<[u8; 3]>>,
 }
 
 /// Defines one attribute's reader and its checked setter.
@@ -102,6 +105,7 @@ impl PointCloud {
             pixels: Some(points.iter().map(|p| p.pixel).collect()),
             sigmas_mm: Some(points.iter().map(|p| p.sigma_mm).collect()),
             covariances_mm2: Some(points.iter().map(|p| p.covariance_mm2).collect()),
+            ..Self::default()
         }
     }
 
@@ -120,6 +124,65 @@ impl PointCloud {
         [f32; 6],
         "the measurement's covariance [xx, xy, xz, yy, yz, zz], mm²"
     );
+    attribute!(
+        normals,
+        with_normals,
+        [f32; 3],
+        "unit normals of the surface, of no length where it is not known"
+    );
+    attribute!(
+        deviations_mm,
+        with_deviations_mm,
+        f32,
+        "signed distances to a reference, mm, not a number where there is none"
+    );
+    attribute!(colors, with_colors, [u8; 3], "colours (red, green, blue)");
+
+    /// Returns the cloud of some of the points, by index, with all that is known of them.
+    ///
+    /// # Panics
+    /// An index names no point.
+    pub fn selected(&self, points: &[usize]) -> Self {
+        fn of<T: Copy>(values: Option<&Vec<T>>, points: &[usize]) -> Option<Vec<T>> {
+            values.map(|values| points.iter().map(|&i| values[i]).collect())
+        }
+        Self {
+            frame: self.frame,
+            positions_mm: points.iter().map(|&i| self.positions_mm[i]).collect(),
+            intensities: of(self.intensities.as_ref(), points),
+            frame_rows: of(self.frame_rows.as_ref(), points),
+            pixels: of(self.pixels.as_ref(), points),
+            sigmas_mm: of(self.sigmas_mm.as_ref(), points),
+            covariances_mm2: of(self.covariances_mm2.as_ref(), points),
+            normals: of(self.normals.as_ref(), points),
+            deviations_mm: of(self.deviations_mm.as_ref(), points),
+            colors: of(self.colors.as_ref(), points),
+        }
+    }
+
+    /// Returns the points of several clouds as one, in the first one's frame: nothing is moved. Of the attributes those that all of
+    /// them have, but for frame rows and pixels, which say nothing beside another capture's.
+    pub fn joined(clouds: &[Self]) -> Self {
+        fn all<'a, T: Copy + 'a>(
+            clouds: &'a [PointCloud],
+            of: impl Fn(&'a PointCloud) -> Option<&'a [T]>,
+        ) -> Option<Vec<T>> {
+            let parts: Option<Vec<&[T]>> = clouds.iter().map(of).collect();
+            parts.filter(|parts| !parts.is_empty()).map(|parts| parts.concat())
+        }
+        Self {
+            frame: clouds.first().map(Self::frame).unwrap_or_default(),
+            positions_mm: clouds.iter().flat_map(|c| c.positions_mm.iter().copied()).collect(),
+            intensities: all(clouds, Self::intensities),
+            frame_rows: None,
+            pixels: None,
+            sigmas_mm: all(clouds, Self::sigmas_mm),
+            covariances_mm2: all(clouds, Self::covariances_mm2),
+            normals: all(clouds, Self::normals),
+            deviations_mm: all(clouds, Self::deviations_mm),
+            colors: all(clouds, Self::colors),
+        }
+    }
 
     /// Returns the frame that the coordinates refer to.
     pub fn frame(&self) -> Frame {
@@ -141,7 +204,7 @@ impl PointCloud {
         self.positions_mm.is_empty()
     }
 
-    /// Checks that every position and every attribute is a finite number.
+    /// Checks that every position and every attribute is a finite number, but for deviations, which a point may be without.
     ///
     /// # Errors
     /// [`CloudError::NonFinite`] with the first that isn't.
@@ -160,7 +223,8 @@ impl PointCloud {
         check("intensity", self.intensities.iter().flatten(), |v| v.is_finite())?;
         check("pixel", self.pixels.iter().flatten(), |v| v.iter().all(|c| c.is_finite()))?;
         check("sigma", self.sigmas_mm.iter().flatten(), |v| v.is_finite())?;
-        check("covariance", self.covariances_mm2.iter().flatten(), |v| v.iter().all(|c| c.is_finite()))
+        check("covariance", self.covariances_mm2.iter().flatten(), |v| v.iter().all(|c| c.is_finite()))?;
+        check("normal", self.normals.iter().flatten(), |v| v.iter().all(|c| c.is_finite()))
     }
 
     /// Returns the lowest and the highest corner of the box around all points, mm; `None` for a cloud that is empty
@@ -189,6 +253,9 @@ impl PointCloud {
         for covariance in self.covariances_mm2.iter_mut().flatten() {
             *covariance = packed(&(rotation * unpacked(covariance) * rotation.transpose()));
         }
+        for normal in self.normals.iter_mut().flatten() {
+            *normal = turned(&rotation, normal);
+        }
         self.frame = frame;
         self
     }
@@ -199,6 +266,12 @@ impl PointCloud {
     }
 }
 
+/// Returns a stored direction turned.
+fn turned(rotation: &nalgebra::Rotation3<f64>, direction: &[f32; 3]) -> [f32; 3] {
+    let turned = rotation * Vector3::from(direction.map(f64::from));
+    [turned.x as f32, turned.y as f32, turned.z as f32]
+}
+
 /// Returns the symmetric matrix of [xx, xy, xz, yy, yz, zz].
 pub(crate) fn unpacked(packed: &[f32; 6]) -> Matrix3<f64> {
     let [xx, xy, xz, yy, yz, zz] = packed.map(f64::from);
@@ -206,7 +279,7 @@ pub(crate) fn unpacked(packed: &[f32; 6]) -> Matrix3<f64> {
 }
 
 /// Returns [xx, xy, xz, yy, yz, zz] of a symmetric matrix.
-fn packed(m: &Matrix3<f64>) -> [f32; 6] {
+pub(crate) fn packed(m: &Matrix3<f64>) -> [f32; 6] {
     [m[(0, 0)], m[(0, 1)], m[(0, 2)], m[(1, 1)], m[(1, 2)], m[(2, 2)]].map(|value| value as f32)
 }
 
@@ -251,6 +324,24 @@ mod tests {
             assert_eq!(Frame::from_name(frame.name()), Some(frame));
         }
         assert_eq!(Frame::from_name("world"), None);
+    }
+
+    #[test]
+    fn points_are_selected_and_joined_with_what_is_known_of_them() {
+        let cloud = PointCloud::new(Frame::Camera, vec![[0.0; 3], [1.0; 3], [2.0; 3]])
+            .with_sigmas_mm(vec![0.0, 0.1, 0.2])
+            .and_then(|c| c.with_colors(vec![[0; 3], [1; 3], [2; 3]]))
+            .and_then(|c| c.with_frame_rows(vec![0, 1, 2]))
+            .unwrap();
+        let some = cloud.selected(&[2, 0]);
+        assert_eq!(some.positions_mm(), [[2.0; 3], [0.0; 3]]);
+        assert_eq!((some.sigmas_mm().unwrap(), some.frame_rows().unwrap()), (&[0.2, 0.0][..], &[2, 0][..]));
+        let bare = some.clone().with_normals(vec![[0.0, 0.0, 1.0]; 2]).unwrap();
+        let joined = PointCloud::joined(&[cloud, bare]);
+        assert_eq!((joined.len(), joined.sigmas_mm().unwrap()[3]), (5, 0.2));
+        assert_eq!(joined.colors().unwrap()[3], [2; 3]);
+        assert!(joined.normals().is_none() && joined.frame_rows().is_none());
+        assert!(PointCloud::joined(&[]).is_empty());
     }
 
     proptest! {

@@ -24,6 +24,11 @@ pub struct Comparison {
     pub quantiles_mm: [f64; 5],
     /// The farthest inside and outside, mm.
     pub extremes_mm: [f64; 2],
+    /// The distance, on either side, that 95 % of them keep, mm.
+    pub within_95_mm: f64,
+    /// Share of the points that lie off by no more than once, twice and three times their own sigma, where they have one: about 0.68,
+    /// 0.95 and 0.997 where the form is the reference's and the sigmas are right.
+    pub within_sigmas: Option<[f64; 3]>,
     /// Share of the points that lie off by more than twice their own sigma, where they have one: about 0.05 where the form is the
     /// reference's and the sigmas are right.
     pub beyond_two_sigma: Option<f64>,
@@ -53,7 +58,7 @@ pub fn compare(
     reference: &NearestOnMesh<'_>,
 ) -> Option<Comparison> {
     let mut compared = Vec::with_capacity(points_mm.len());
-    let mut significant = 0_usize;
+    let mut within = [0_usize; 3];
     let mut deviations_mm = Vec::with_capacity(points_mm.len());
     for (at, point) in points_mm.iter().enumerate() {
         let near = reference.nearest(point);
@@ -61,8 +66,10 @@ pub fn compare(
             deviations_mm.push(f32::NAN);
             continue;
         }
-        if sigmas_mm.is_some_and(|sigmas| near.signed_mm.abs() > 2.0 * f64::from(sigmas[at])) {
-            significant += 1;
+        if let Some(sigmas) = sigmas_mm {
+            for (count, times) in within.iter_mut().zip([1.0, 2.0, 3.0]) {
+                *count += usize::from(near.signed_mm.abs() <= times * f64::from(sigmas[at]));
+            }
         }
         deviations_mm.push(near.signed_mm as f32);
         compared.push(near.signed_mm);
@@ -87,7 +94,9 @@ pub fn compare(
             compared.iter().copied().fold(f64::INFINITY, f64::min),
             compared.iter().copied().fold(f64::NEG_INFINITY, f64::max),
         ],
-        beyond_two_sigma: sigmas_mm.map(|_| significant as f64 / count),
+        within_95_mm: ranked(&mut compared.iter().map(|d| d.abs()).collect::<Vec<_>>(), at(0.95))?,
+        within_sigmas: sigmas_mm.map(|_| within.map(|n| n as f64 / count)),
+        beyond_two_sigma: sigmas_mm.map(|_| 1.0 - within[1] as f64 / count),
         deviations_mm,
     })
 }
@@ -107,5 +116,50 @@ impl Comparison {
             histogram.counts[bin.clamp(0.0, bins - 1.0) as usize] += 1;
         }
         histogram
+    }
+}
+
+/// Returns the colour of a deviation on a scale of ± `range_mm`: blue inside, white on the reference, red outside, told apart by the
+/// colour-blind, too (C. Brewer, ColorBrewer 2.0, RdBu); grey where there is none.
+pub fn deviation_color(deviation_mm: f32, range_mm: f64) -> [u8; 3] {
+    const NONE: [u8; 3] = [128, 128, 128];
+    const SCALE: [[u8; 3]; 11] = [
+        [5, 48, 97],
+        [33, 102, 172],
+        [67, 147, 195],
+        [146, 197, 222],
+        [209, 229, 240],
+        [247, 247, 247],
+        [253, 219, 199],
+        [244, 165, 130],
+        [214, 96, 77],
+        [178, 24, 43],
+        [103, 0, 31],
+    ];
+    if !deviation_mm.is_finite() {
+        return NONE;
+    }
+    let share = f64::from(deviation_mm) / range_mm.max(f64::MIN_POSITIVE);
+    let at = (share.clamp(-1.0, 1.0) + 1.0) * 5.0;
+    let lower = (at as usize).min(9);
+    let part = at - lower as f64;
+    std::array::from_fn(|k| {
+        (f64::from(SCALE[lower][k]) * (1.0 - part) + f64::from(SCALE[lower + 1][k]) * part).round() as u8
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::deviation_color;
+
+    #[test]
+    fn colours_go_from_blue_through_white_to_red_and_stop_there() {
+        assert_eq!(deviation_color(0.0, 0.5), [247, 247, 247]);
+        assert_eq!(deviation_color(-0.5, 0.5), [5, 48, 97]);
+        assert_eq!(deviation_color(-9.0, 0.5), [5, 48, 97]);
+        assert_eq!(deviation_color(0.5, 0.5), [103, 0, 31]);
+        assert_eq!(deviation_color(0.05, 0.5), [250, 233, 223], "half way to the next");
+        assert_eq!(deviation_color(f32::NAN, 0.5), [128, 128, 128]);
+        assert_eq!(deviation_color(0.1, 0.0), [103, 0, 31]);
     }
 }

@@ -237,4 +237,96 @@ pub enum RegisterError {
         /// Share that is needed.
         needed: f64,
     },
+    /// The best pose leaves the points scattered about the mesh: it is another form, or the right pose was not found.
+    #[error(
+        "no pose fits: in the best one the points scatter by {scatter_mm:.3} mm about the other surface, {allowed_mm:.3} mm is accepted; where the \
+         pose is about right already, begin from there"
+    )]
+    Scattered {
+        /// What the residuals scatter by beyond the sigmas.
+        scatter_mm: f64,
+        /// What is accepted, by the cloud's size.
+        allowed_mm: f64,
+    },
+}
+
+/// Why a cloud was not compared with a reference.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReferenceError {
+    /// The cloud holds something that cannot be used.
+    #[error(transparent)]
+    Cloud(#[from] CloudError),
+    /// No triangle of the reference has an area.
+    #[error("no triangle of the reference has an area")]
+    NoArea,
+    /// The cloud was not brought onto it.
+    #[error("not aligned: {cause}; {hint}")]
+    NotAligned {
+        /// Why.
+        cause: RegisterError,
+        /// Sizes of both, and what they may be a sign of.
+        hint: String,
+    },
+    /// Every point lies beyond the reference's border.
+    #[error("none of the {points} points lies beside the reference, all are beyond its border")]
+    NothingBeside {
+        /// Points given.
+        points: usize,
+    },
+}
+
+/// Why clouds were not merged.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum MergeError {
+    /// Nothing to merge with.
+    #[error("merging takes at least 2 clouds, got {got}")]
+    TooFew {
+        /// Clouds given.
+        got: usize,
+    },
+    /// A cloud that no surface goes through.
+    #[error("cloud {} has no surface: {cause}", index + 1)]
+    NoSurface {
+        /// Which cloud, from 0.
+        index: usize,
+        /// Why.
+        cause: SurfaceError,
+    },
+    /// A cloud holds something that cannot be used.
+    #[error(transparent)]
+    Register(#[from] RegisterError),
+    /// A cloud of which nothing lies on the others.
+    #[error(
+        "no overlap of cloud {} with the others is found: {:.0} % of its points have to come to lie on the surface of one of them", index + 1,
+        100.0 * needed
+    )]
+    NoOverlap {
+        /// Which cloud, from 0.
+        index: usize,
+        /// Share that is needed.
+        needed: f64,
+    },
+    /// A cloud that fits in several ways.
+    #[error(
+        "cloud {} fits the others in {poses} ways equally well: where its coordinates are about right already, say to within what", index + 1
+    )]
+    Ambiguous {
+        /// Which cloud, from 0.
+        index: usize,
+        /// Poses that fit.
+        poses: usize,
+    },
+    /// A cloud whose overlap leaves it free to move.
+    #[error(
+        "the overlap of cloud {} with the others does not determine {motions}: where its coordinates are about right already, say to within \
+         what", index + 1
+    )]
+    Undetermined {
+        /// Which cloud, from 0.
+        index: usize,
+        /// Motions that lose nothing.
+        motions: String,
+    },
 }

@@ -19,6 +19,7 @@ pub struct TriangleMesh {
     sigmas_mm: Option<Vec<f32>>,
     intensities: Option<Vec<f32>>,
     deviations_mm: Option<Vec<f32>>,
+    colors: Option<Vec<[u8; 3]>>,
 }
 
 /// What a mesh's edges tell of its soundness.
@@ -100,6 +101,7 @@ impl TriangleMesh {
     );
     attribute!(intensities, with_intensities, f32, "the stripe's brightness, in grey levels");
     attribute!(deviations_mm, with_deviations_mm, f32, "signed distances to a reference, mm");
+    attribute!(colors, with_colors, [u8; 3], "colours (red, green, blue)");
 
     /// Returns the frame that the coordinates refer to.
     pub fn frame(&self) -> Frame {

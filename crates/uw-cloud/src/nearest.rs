@@ -107,7 +107,20 @@ impl<'a> NearestOnMesh<'a> {
     /// Returns the point of the mesh nearest to a place, mm; in time that grows with the logarithm of the triangles.
     pub fn nearest(&self, place_mm: &[f64; 3]) -> Nearest {
         let place = Vector3::from(*place_mm);
-        let mut best = (f64::INFINITY, Vector3::zeros(), Part::Face, self.order[0]);
+        self.told(&place, self.search(&place, f64::INFINITY))
+    }
+
+    /// Returns the point of the mesh nearest to a place, mm; `None` where it is no nearer than `reach_mm`, which is told sooner.
+    pub fn nearest_within(&self, place_mm: &[f64; 3], reach_mm: f64) -> Option<Nearest> {
+        let place = Vector3::from(*place_mm);
+        let square = reach_mm * reach_mm;
+        let found = self.search(&place, square);
+        (found.0 < square).then(|| self.told(&place, found))
+    }
+
+    /// The nearest point that is nearer than the root of `square`, if any: its squared distance, place, part and triangle.
+    fn search(&self, place: &Vector3<f64>, square: f64) -> (f64, Vector3<f64>, Part, u32) {
+        let mut best = (square, Vector3::zeros(), Part::Face, self.order[0]);
         // A balanced tree of 2^32 triangles is 32 deep.
         let mut open = [(0_u32, 0.0_f64); 64];
         let mut depth = 1;
@@ -120,7 +133,7 @@ impl<'a> NearestOnMesh<'a> {
             let node = &self.nodes[at as usize];
             if node.count > 0 {
                 for &t in &self.order[node.at as usize..(node.at + node.count) as usize] {
-                    let (point, part) = on_triangle(&place, self.mesh.corners(t as usize));
+                    let (point, part) = on_triangle(place, self.mesh.corners(t as usize));
                     let square = (place - point).norm_squared();
                     if square < best.0 {
                         best = (square, point, part, t);
@@ -128,7 +141,7 @@ impl<'a> NearestOnMesh<'a> {
                 }
                 continue;
             }
-            let children = [at + 1, node.at].map(|child| (child, self.nodes[child as usize].reach(&place)));
+            let children = [at + 1, node.at].map(|child| (child, self.nodes[child as usize].reach(place)));
             // The nearer one is looked at first, so it goes on top.
             let [near, far] =
                 if children[0].1 <= children[1].1 { children } else { [children[1], children[0]] };
@@ -136,7 +149,15 @@ impl<'a> NearestOnMesh<'a> {
             open[depth + 1] = near;
             depth += 2;
         }
-        let (square, point, part, t) = best;
+        best
+    }
+
+    /// What is to be said of a point that was found.
+    fn told(
+        &self,
+        place: &Vector3<f64>,
+        (square, point, part, t): (f64, Vector3<f64>, Part, u32),
+    ) -> Nearest {
         let t = t as usize;
         let corner = |k: usize| self.mesh.triangles()[t][k] as usize;
         let (normal, on_border) = match part {

@@ -51,6 +51,12 @@ impl Random {
         z ^= z >> 31;
         ((u128::from(z) * bound as u128) >> 64) as usize
     }
+
+    /// Returns a number from 0 to below 1.
+    pub(crate) fn share(&mut self) -> f64 {
+        const STEPS: usize = 1 << 31;
+        self.below(STEPS) as f64 / STEPS as f64
+    }
 }
 
 #[cfg(test)]

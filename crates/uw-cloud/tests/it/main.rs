@@ -5,6 +5,7 @@ mod degenerate;
 mod hunts;
 mod monte_carlo;
 mod no_shapes;
+mod poses;
 mod properties;
 mod registers;
 mod round_shapes;

@@ -1,0 +1,118 @@
+//! Whether another pose fits as well: then the one that was found is one of several, or a place on a path of them.
+
+use super::refine::{Bounds, Fitted, moved, refine};
+use super::sample::{Sample, Samples, TUKEY, Target};
+use super::starts::{SAME_POSE, apart};
+use nalgebra::{Isometry3, Vector3, Vector6};
+
+/// Patches of a cloud whose deviations have to do with each other no more: what two poses differ by is tested with no more of them,
+/// however many points there are.
+const PATCHES: f64 = 200.0;
+/// Standard errors that tell a worse pose from an equal one.
+const WORSE: f64 = 3.0;
+/// Mean cost that no pose is preferred for.
+const NO_MATTER: f64 = 0.005;
+/// Points that poses are compared by.
+pub(super) const COMPARED: usize = 1500;
+/// Displacements along a motion that are tried, in units of the cloud's radius.
+const DISPLACED: [f64; 3] = [0.1, 0.05, 0.02];
+/// A motion is known well without a trial where its information is at least this share of the best known one's.
+const PLAIN: f64 = 0.2;
+
+/// What poses are compared by: costs of the same points at the same scatter.
+pub(super) struct Judge<'a, 'm> {
+    pub(super) target: &'a Target<'a, 'm>,
+    pub(super) points: Vec<&'a Sample>,
+    pub(super) floor: f64,
+}
+
+impl Judge<'_, '_> {
+    pub(super) fn costs(&self, pose: &Isometry3<f64>) -> Vec<f64> {
+        self.target.costs(self.points.iter().copied(), pose, self.floor)
+    }
+
+    /// Whether a pose with some costs fits as well as one with others.
+    pub(super) fn as_good(other: &[f64], best: &[f64]) -> bool {
+        let count = other.len() as f64;
+        let differences = || other.iter().zip(best).map(|(o, b)| o - b);
+        let mean = differences().sum::<f64>() / count;
+        let variance = differences().map(|d| (d - mean).powi(2)).sum::<f64>() / count;
+        mean < NO_MATTER || mean < WORSE * (variance / count.min(PATCHES)).sqrt()
+    }
+}
+
+/// Returns an orthonormal set of small motions (in the units of [`Fitted::information`]) along which the cloud can be displaced, and
+/// fits as well.
+pub(super) fn undetermined(samples: &Samples, judge: &Judge<'_, '_>, fitted: &Fitted) -> Vec<Vector6<f64>> {
+    let best = judge.costs(&fitted.pose);
+    let eigen = fitted.information.symmetric_eigen();
+    let most = eigen.eigenvalues.max();
+    let covariance = fitted.covariance(&[], 0.0);
+    let free = |at: &usize| {
+        let way: Vector6<f64> = eigen.eigenvectors.column(*at).into_owned();
+        let value = eigen.eigenvalues[*at];
+        if value <= 1e-9 * most {
+            return true;
+        }
+        if value >= PLAIN * most {
+            return false;
+        }
+        let sigma = way.dot(&(covariance * way)).sqrt();
+        let as_good = |size: f64, side: f64| {
+            let by = (size * samples.radius).max(5.0 * sigma);
+            if by > 0.5 * samples.radius {
+                return true;
+            }
+            // Held there: the facets of a mesh hold a smooth surface, too, but it costs next to nothing to pass over them.
+            let from = moved(&fitted.pose, &samples.middle, samples.radius, &(way * (side * by)));
+            let bounds = Bounds { reach: by + 3.0 * TUKEY * judge.floor, rounds: 12 };
+            let end = refine(judge.target, &judge.points, samples.radius, from, bounds, &[way]);
+            Judge::as_good(&judge.costs(&end.pose), &best)
+        };
+        DISPLACED.iter().all(|&size| as_good(size, 1.0) || as_good(size, -1.0))
+    };
+    (0..6).filter(free).map(|at| eigen.eigenvectors.column(at).into_owned()).collect()
+}
+
+/// Returns the poses among some that fit as well as the best one and are others, not counting those that undetermined motions lead to.
+pub(super) fn rivals(
+    samples: &Samples,
+    judge: &Judge<'_, '_>,
+    best: &Isometry3<f64>,
+    others: &[Isometry3<f64>],
+    free: &[Vector6<f64>],
+) -> Vec<Isometry3<f64>> {
+    let costs = judge.costs(best);
+    let mut found: Vec<Isometry3<f64>> = Vec::new();
+    for pose in others {
+        let seen = std::iter::once(best).chain(&found).any(|other| {
+            let mut way = motion(pose, other, samples);
+            for free in free {
+                way -= free * free.dot(&way);
+            }
+            apart(pose, other, &samples.middle, samples.radius) < SAME_POSE * samples.radius
+                || way.norm() < SAME_POSE * samples.radius
+        });
+        if !seen && Judge::as_good(&judge.costs(pose), &costs) {
+            found.push(*pose);
+        }
+    }
+    found
+}
+
+/// The motion that leads from one pose to another along one screw: turn in units of the radius about where the second one brings the
+/// cloud's middle, and shift, both at the start.
+fn motion(to: &Isometry3<f64>, from: &Isometry3<f64>, samples: &Samples) -> Vector6<f64> {
+    let between = to * from.inverse();
+    let middle = from * nalgebra::Point3::from(samples.middle);
+    let shift = (between * middle) - middle;
+    let turn = between.rotation.scaled_axis();
+    let angle = turn.norm();
+    // The inverse of the integral of the turn (R. Murray, Z. Li, S. Sastry, A Mathematical Introduction to Robotic Manipulation, 1994,
+    // equation 2.36 and following).
+    let part =
+        if angle < 1e-6 { 1.0 / 12.0 } else { (1.0 - 0.5 * angle / (0.5 * angle).tan()) / (angle * angle) };
+    let start: Vector3<f64> = shift - turn.cross(&shift) * 0.5 + turn.cross(&turn.cross(&shift)) * part;
+    let turn = turn * samples.radius;
+    Vector6::new(turn.x, turn.y, turn.z, start.x, start.y, start.z)
+}
