@@ -66,6 +66,10 @@ accept SCRIPT *ARGS: build
 recordings:
     scripts/recordings.sh
 
+# Clouds and meshes before readers that are not ours
+clouds:
+    scripts/clouds.sh
+
 # Speed of recording beside that of the bare disk (or memory: /dev/shm), MB/s
 recording-speed FOLDER="/dev/shm":
     cargo run --release --locked --package uw-io --example record_speed -- {{FOLDER}}

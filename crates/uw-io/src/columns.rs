@@ -17,6 +17,8 @@ pub(crate) enum Column<'a> {
     Float(Box<dyn Fn(usize) -> f32 + 'a>),
     /// A count.
     Int(&'a [u32]),
+    /// A part of a colour.
+    Byte(&'a [[u8; 3]], usize),
 }
 
 impl Column<'_> {
@@ -26,6 +28,7 @@ impl Column<'_> {
             Self::Double(..) => "double",
             Self::Int(_) => "int",
             Self::Float(_) => "float",
+            Self::Byte(..) => "uchar",
         }
     }
 
@@ -35,6 +38,7 @@ impl Column<'_> {
             Self::Double(v, at) => row.extend(v[point][*at].to_le_bytes()),
             Self::Int(v) => row.extend(v[point].to_le_bytes()),
             Self::Float(v) => row.extend(v(point).to_le_bytes()),
+            Self::Byte(v, at) => row.push(v[point][*at]),
         }
     }
 
@@ -45,12 +49,16 @@ impl Column<'_> {
             Self::Double(v, at) => write!(line, "{:?}", v[point][*at]),
             Self::Int(v) => write!(line, "{}", v[point]),
             Self::Float(v) => write!(line, "{:?}", v(point)),
+            Self::Byte(v, at) => write!(line, "{}", v[point][*at]),
         }
     }
 }
 
 /// The covariance's columns, in the cloud's order.
 const COVARIANCE: [&str; 6] = ["cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz"];
+/// The columns of normals and of colours.
+const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
+const COLOR: [&str; 3] = ["red", "green", "blue"];
 
 /// A cloud's columns in the order of files.
 pub(crate) fn of(cloud: &PointCloud) -> Vec<(&'static str, Column<'_>)> {
@@ -71,6 +79,13 @@ pub(crate) fn of(cloud: &PointCloud) -> Vec<(&'static str, Column<'_>)> {
     columns.extend(cloud.sigmas_mm().map(|v| float("sigma", |i| v[i])));
     if let Some(v) = cloud.covariances_mm2() {
         columns.extend(COVARIANCE.into_iter().enumerate().map(|(at, name)| float(name, move |i| v[i][at])));
+    }
+    if let Some(v) = cloud.normals() {
+        columns.extend(NORMAL.into_iter().enumerate().map(|(at, name)| float(name, move |i| v[i][at])));
+    }
+    columns.extend(cloud.deviations_mm().map(|v| float("deviation", |i| v[i])));
+    if let Some(v) = cloud.colors() {
+        columns.extend(COLOR.into_iter().enumerate().map(|(at, name)| (name, Column::Byte(v, at))));
     }
     columns
 }
@@ -106,6 +121,9 @@ pub(crate) struct Gather {
     pixel: Option<([usize; 2], Vec<[f32; 2]>)>,
     sigma: Option<(usize, Vec<f32>)>,
     covariance: Option<([usize; 6], Vec<[f32; 6]>)>,
+    normal: Option<([usize; 3], Vec<[f32; 3]>)>,
+    deviation: Option<(usize, Vec<f32>)>,
+    color: Option<([usize; 3], Vec<[u8; 3]>)>,
     positions: Vec<[f64; 3]>,
     /// The value of `frame` that was no row, for which the column was dropped.
     foreign_frame: Option<f64>,
@@ -133,6 +151,9 @@ impl Gather {
             pixel: all(["u", "v"].map(find)).map(|at| (at, Vec::with_capacity(room))),
             sigma: find("sigma").map(|at| (at, Vec::with_capacity(room))),
             covariance: all(COVARIANCE.map(find)).map(|at| (at, Vec::with_capacity(room))),
+            normal: all(NORMAL.map(find)).map(|at| (at, Vec::with_capacity(room))),
+            deviation: find("deviation").map(|at| (at, Vec::with_capacity(room))),
+            color: all(COLOR.map(find)).map(|at| (at, Vec::with_capacity(room))),
             positions: Vec::with_capacity(room),
             foreign_frame: None,
         })
@@ -162,7 +183,20 @@ impl Gather {
             }
         }
         self.positions.push(position);
-        for (at, values) in [&mut self.intensity, &mut self.sigma].into_iter().flatten() {
+        if let Some((at, colors)) = &mut self.color {
+            let values = at.map(|at| row[at]);
+            if values.iter().all(|v| (0.0..=255.0).contains(v) && v.fract() == 0.0) {
+                colors.push(values.map(|v| v as u8));
+            } else {
+                // Colours of another scale are for others to read.
+                self.color = None;
+            }
+        }
+        if let Some((at, normals)) = &mut self.normal {
+            normals.push(at.map(|at| row[at] as f32));
+        }
+        for (at, values) in [&mut self.intensity, &mut self.sigma, &mut self.deviation].into_iter().flatten()
+        {
             values.push(row[*at] as f32);
         }
         if let Some((at, values)) = &mut self.pixel {
@@ -216,6 +250,15 @@ impl Gather {
         }
         if let Some((_, values)) = self.covariance {
             cloud = cloud.with_covariances_mm2(values).map_err(failed)?;
+        }
+        if let Some((_, values)) = self.normal {
+            cloud = cloud.with_normals(values).map_err(failed)?;
+        }
+        if let Some((_, values)) = self.deviation {
+            cloud = cloud.with_deviations_mm(values).map_err(failed)?;
+        }
+        if let Some((_, values)) = self.color {
+            cloud = cloud.with_colors(values).map_err(failed)?;
         }
         cloud.check_finite().map_err(failed)?;
         Ok((cloud, warnings))

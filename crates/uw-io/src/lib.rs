@@ -14,7 +14,7 @@
 //! | [`calibration_toml`] | `calibration.toml` | [`CalibrationFile`] |
 //! | [`camera_yaml`] | ROS's and OpenCV's camera files, written only | a calibration's camera |
 //! | [`images`] | PNG, TIFF, JPEG, PNM | [`GrayImage`] |
-//! | [`clouds`] ([`ply`], [`xyz`]) | PLY; XYZ and CSV | [`uw_cloud::PointCloud`] |
+//! | [`clouds`] ([`ply`], [`pcd`], [`xyz`], [`e57`], `las`) | PLY, PCD, XYZ and CSV, E57, LAS and LAZ (feature `las`) | [`uw_cloud::PointCloud`] |
 //! | [`meshes`] ([`ply`], [`stl`], [`obj`], [`glb`]) | PLY, STL, OBJ; GLB, written only | [`uw_cloud::TriangleMesh`] |
 //! | [`scene`] | `scene.toml`, what a simulation shows | [`scene::SceneFile`] |
 //! | [`disk`] | room and names where files go | |
@@ -30,13 +30,17 @@ pub mod clouds;
 mod columns;
 pub mod convert;
 pub mod disk;
+pub mod e57;
 mod error;
 mod folder;
 mod frames;
 pub mod glb;
 pub mod images;
+#[cfg(feature = "las")]
+pub mod las;
 pub mod meshes;
 pub mod obj;
+pub mod pcd;
 pub mod ply;
 pub mod recording;
 pub mod rig;

@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// Writes a mesh: vertices `x y z` (double, mm), then as far as the mesh has them `nx ny nz`, `sigma` (mm), `intensity` and
-/// `deviation` (mm), all float, and faces `vertex_indices`; the frame and the unit in comments of the header.
+/// `deviation` (mm), all float, `red green blue` (uchar), and faces `vertex_indices`; the frame and the unit in comments of the header.
 ///
 /// # Errors
 /// As [`atomic::write`].
@@ -44,6 +44,9 @@ pub fn write_mesh(
             writeln!(w, "property float nx\nproperty float ny\nproperty float nz")?;
         }
         singles.iter().try_for_each(|(name, _)| writeln!(w, "property float {name}"))?;
+        if mesh.colors().is_some() {
+            writeln!(w, "property uchar red\nproperty uchar green\nproperty uchar blue")?;
+        }
         writeln!(
             w,
             "element face {}\nproperty list uchar int vertex_indices\nend_header",
@@ -53,14 +56,17 @@ pub fn write_mesh(
         for (at, position) in mesh.vertices_mm().iter().enumerate() {
             row.clear();
             let normal = mesh.normals().map(|normals| normals[at]);
+            let color = mesh.colors().map(|colors| colors[at]);
             let floats = normal.into_iter().flatten().chain(singles.iter().map(|(_, values)| values[at]));
             if ascii {
                 write!(row, "{:?} {:?} {:?}", position[0], position[1], position[2])?;
                 floats.into_iter().try_for_each(|value| write!(row, " {value:?}"))?;
+                color.into_iter().flatten().try_for_each(|value| write!(row, " {value}"))?;
                 row.push(b'\n');
             } else {
                 position.iter().for_each(|c| row.extend(c.to_le_bytes()));
                 floats.into_iter().for_each(|value| row.extend(value.to_le_bytes()));
+                row.extend(color.into_iter().flatten());
             }
             w.write_all(&row)?;
         }

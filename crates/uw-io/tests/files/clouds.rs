@@ -303,6 +303,6 @@ fn a_names_ending_tells_the_format() {
     }
     for name in ["a", "ply", ".ply", "a.stl", "a.ply.gz"] {
         let error = clouds::read(&dir.path().join(name)).unwrap_err();
-        says(&error.to_string(), &[name, ".ply, .xyz or .csv"]);
+        says(&error.to_string(), &[name, ".ply, .pcd, .xyz"]);
     }
 }

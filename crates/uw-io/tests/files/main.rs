@@ -5,6 +5,7 @@ mod atomic;
 mod calibration;
 mod capture;
 mod clouds;
+mod formats;
 mod images;
 mod meshes;
 mod recorder;
