@@ -7,8 +7,8 @@ use clap::{
 };
 
 use crate::commands::{
-    batch, calibrate, capture_calibration, completions, convert, demo, devices, doctor, fit, info, man, mesh,
-    reconstruct, recover, scan, shapes, simulate,
+    batch, calibrate, capture_calibration, clean, compare, completions, convert, demo, devices, doctor, fit,
+    info, man, merge, mesh, reconstruct, recover, scan, shapes, simulate,
 };
 
 /// Underwater laser-line scanning: calibration, exact refraction, point clouds and measurements.
@@ -88,6 +88,12 @@ pub enum Command {
     Shapes(shapes::Args),
     /// Triangulate the surface that a sweep saw
     Mesh(mesh::Args),
+    /// Take out outliers, crop, add normals, thin: a cloud made fit for what comes next
+    Clean(clean::Args),
+    /// Bring overlapping sweeps onto each other, and make them one cloud
+    Merge(merge::Args),
+    /// Say how far a cloud or mesh lies off a reference mesh, after best-fit alignment
+    Compare(compare::Args),
     /// Say what a file or capture folder holds, and whether it is sound
     Info(info::Args),
     /// Write a capture, cloud or calibration in another format

@@ -10,7 +10,7 @@ use uwscan::io::{
     camera_yaml::{self, Form},
     clouds,
     convert::{Converted, to_folder, to_recording},
-    recording,
+    meshes, recording,
     ros2::to_ros2,
 };
 
@@ -25,15 +25,15 @@ use crate::{
 /// Arguments of `convert`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Capture folder, recording (.mcap), point cloud (.ply, .xyz, .csv) or calibration (.toml)
+    /// Capture folder, recording (.mcap), point cloud (.ply, .pcd, .xyz, .csv, .e57, .las, .laz), mesh (.ply, .stl, .obj) or calibration (.toml)
     input: PathBuf,
-    /// A capture folder becomes a recording (.mcap), a recording a new folder, a cloud a cloud of another ending
+    /// A capture folder becomes a recording (.mcap), a recording a new folder, a cloud a cloud and a mesh a mesh of another ending
     output: PathBuf,
     /// Write a capture as ros2, a rosbag2 (MCAP with CDR messages, metadata.yaml) in a new folder; a calibration's camera as ros or opencv, their
     /// YAML files
     #[arg(long, value_name = "FORMAT")]
     to: Option<To>,
-    /// Write a PLY as text rather than binary
+    /// Write a PLY, PCD or STL as text rather than binary
     #[arg(long)]
     ascii: bool,
     /// Replace the output if it exists; folders are never replaced
@@ -59,6 +59,8 @@ struct Record {
     images: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     points: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    triangles: Option<usize>,
     warnings: Vec<String>,
     lost: Vec<Lost>,
 }
@@ -101,6 +103,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
             ErrorKind::MissingRequiredArgument,
             "a calibration's camera is written with --to ros or --to opencv",
         )),
+        None if meshes::is_mesh(&args.input)? => mesh(args, console),
         None => cloud(args, console),
     }
 }
@@ -119,9 +122,35 @@ fn camera(args: &Args, form: Form, console: &Console) -> anyhow::Result<Outcome>
     let file = args.output.display().to_string();
     if args.json {
         let warnings = output::warnings(&[camera_yaml::LOST.to_owned()], &problems);
-        output::json(&Record { file, images: None, points: None, warnings, lost: output::lost(&problems) })?;
+        let lost = output::lost(&problems);
+        output::json(&Record { file, images: None, points: None, triangles: None, warnings, lost })?;
     } else {
         output::print(format!("{file}: the camera, without its window\n"))?;
+    }
+    Ok(outcome)
+}
+
+fn mesh(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
+    let overwrite = overwrite(args.force);
+    let format = meshes::Format::of(&args.output)?;
+    atomic::check(&args.output, overwrite)?;
+    let (mesh, problems) = meshes::read(&args.input)?;
+    let outcome = console.problems(&problems);
+    let format = if args.ascii { format.as_text() } else { format };
+    meshes::write(&args.output, overwrite, &mesh, format)?;
+    let file = args.output.display().to_string();
+    let triangles = mesh.triangles().len();
+    if args.json {
+        output::json(&Record {
+            file,
+            images: None,
+            points: None,
+            triangles: Some(triangles),
+            warnings: output::warnings(&[], &problems),
+            lost: output::lost(&problems),
+        })?;
+    } else {
+        output::print(format!("{file}: {triangles} triangles on {} vertices\n", mesh.vertices_mm().len()))?;
     }
     Ok(outcome)
 }
@@ -163,6 +192,7 @@ fn capture(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
             file,
             images: Some(images),
             points: None,
+            triangles: None,
             warnings: output::warnings(&warnings, &problems),
             lost: output::lost(&problems),
         })?;
@@ -186,6 +216,7 @@ fn cloud(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
             file,
             images: None,
             points: Some(cloud.len()),
+            triangles: None,
             warnings: output::warnings(&[], &problems),
             lost: output::lost(&problems),
         })?;

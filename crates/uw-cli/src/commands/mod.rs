@@ -3,6 +3,8 @@
 pub mod batch;
 pub mod calibrate;
 pub mod capture_calibration;
+pub mod clean;
+pub mod compare;
 pub mod completions;
 pub mod convert;
 pub mod demo;
@@ -11,6 +13,7 @@ pub mod doctor;
 pub mod fit;
 pub mod info;
 pub mod man;
+pub mod merge;
 pub mod mesh;
 pub mod reconstruct;
 pub mod recover;
@@ -46,6 +49,9 @@ pub fn run(cli: &Cli, console: &Console) -> anyhow::Result<Outcome> {
         Command::Fit(args) => fit::run(args, console),
         Command::Mesh(args) => mesh::run(args, console),
         Command::Shapes(args) => shapes::run(args, console),
+        Command::Clean(args) => clean::run(args, console),
+        Command::Compare(args) => compare::run(args, console),
+        Command::Merge(args) => merge::run(args, console),
         Command::Info(args) => info::run(args, console),
         Command::Convert(args) => convert::run(args, console),
         Command::Recover(args) => recover::run(args, console),

@@ -29,7 +29,7 @@ pub struct Args {
     /// Calibration file of the instrument
     #[arg(short, long, value_name = "FILE")]
     calibration: PathBuf,
-    /// Cloud to write: .ply (binary), .xyz or .csv (text)
+    /// Cloud to write: .ply, .pcd, .e57, .las, .laz (binary), .xyz or .csv (text)
     #[arg(short, long, value_name = "FILE", value_parser = CloudFile::parser())]
     output: CloudFile,
     /// How

@@ -5,6 +5,7 @@ mod bad_captures;
 mod batches;
 mod boards;
 mod cameras;
+mod clouds;
 #[cfg(unix)]
 mod controller;
 #[cfg(unix)]

@@ -47,6 +47,9 @@ fn record(cloud: &PointCloud) -> Record {
         ("pixel", cloud.pixels().is_some()),
         ("sigma", cloud.sigmas_mm().is_some()),
         ("covariance", cloud.covariances_mm2().is_some()),
+        ("normal", cloud.normals().is_some()),
+        ("deviation", cloud.deviations_mm().is_some()),
+        ("color", cloud.colors().is_some()),
     ];
     let (low_mm, high_mm) = cloud.bounding_box_mm().unzip();
     let median = |sigmas: &[f32]| {

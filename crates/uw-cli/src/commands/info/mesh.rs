@@ -32,6 +32,7 @@ pub(super) fn look(path: &Path) -> Result<Content, io::Error> {
         ("sigma", mesh.sigmas_mm().is_some()),
         ("intensity", mesh.intensities().is_some()),
         ("deviation", mesh.deviations_mm().is_some()),
+        ("color", mesh.colors().is_some()),
     ];
     let (low_mm, high_mm) = mesh.bounding_box_mm().unzip();
     let record = Record {
