@@ -5,7 +5,7 @@
 //! ICP), so that errors don't add up along a chain. The first sweep's frame stays.
 
 use crate::cloud::PointCloud;
-use crate::error::MergeError;
+use crate::error::{MergeError, SurfaceError};
 use crate::mesh::TriangleMesh;
 use crate::nearest::NearestOnMesh;
 use crate::register::{Joint, Registration, Start, joint, register};
@@ -75,9 +75,11 @@ pub fn merge(clouds: &[PointCloud], options: &MergeOptions) -> Result<Merged, Me
         let surface = triangulate(cloud, &SurfaceOptions::default());
         meshes.push(surface.map_err(|cause| MergeError::NoSurface { index, cause })?.mesh);
     }
-    let trees: Option<Vec<NearestOnMesh<'_>>> = meshes.iter().map(NearestOnMesh::new).collect();
-    // A surface has triangles with an area: those without are cut.
-    let Some(trees) = trees else { return Err(MergeError::TooFew { got: 0 }) };
+    let mut trees: Vec<NearestOnMesh<'_>> = Vec::with_capacity(meshes.len());
+    for (index, mesh) in meshes.iter().enumerate() {
+        let tree = NearestOnMesh::new(mesh);
+        trees.push(tree.ok_or(MergeError::NoSurface { index, cause: SurfaceError::NoArea })?);
+    }
     let mut warnings = Vec::new();
     let starts = placed(clouds, &trees, options, &mut warnings)?;
     let Joint { poses, covariances, pairs, settled } = joint(clouds, &trees, starts)?;
