@@ -4,7 +4,7 @@ use crate::optics::{Camera, Optics};
 use crate::suite::{Case, HEIGHT, MIDDLE, dark, plain, wavy};
 
 /// The scenes.
-pub const OTHERS: [Case; 11] = [
+pub const OTHERS: [Case; 12] = [
     Case { name: "narrow", make: |w, c| plain(0.65 * w, c, 0.6) },
     Case { name: "wide", make: |w, c| plain(2.0 * w, c, 0.6) },
     Case { name: "other cameras", make: |w, c| plain(w, other(c), 0.5) },
@@ -15,7 +15,8 @@ pub const OTHERS: [Case; 11] = [
     Case { name: "ends halfway", make: |w, c| lit(w, c, |v| v < 0.6 * HEIGHT as f64) },
     Case { name: "defocus along", make: defocus },
     Case { name: "saturated threefold", make: |w, c| plain(w, c, 3.0) },
-    Case { name: "shaded", make: shaded },
+    Case { name: "shaded", make: |w, c| shaded(w, c, 0.02) },
+    Case { name: "shaded, textured", make: |w, c| shaded(w, c, 0.1) },
 ];
 
 /// A camera of a third of the gain, or of three times, and more noise.
@@ -77,11 +78,11 @@ fn defocus(sigma_px: f64, camera: Camera) -> Optics {
     Optics { blur: Box::new(blur), ..plain(sigma_px, camera, 0.4) }
 }
 
-/// Brightness that falls to a fifth along the stripe, on a surface with a faint texture; a coarse one would move the light itself.
-fn shaded(sigma_px: f64, camera: Camera) -> Optics {
+/// Brightness that falls to a fifth along the stripe, on a surface with a texture of this amplitude; a coarse one moves the light itself.
+fn shaded(sigma_px: f64, camera: Camera, texture: f64) -> Optics {
     let full = camera.full_scale_dn;
     let strength = move |u: f64, v: f64| {
-        let texture = 1.0 + 0.02 * (0.9 * u + 0.4 * v).sin() * (0.23 * v - 0.31 * (u - MIDDLE)).sin();
+        let texture = 1.0 + texture * (0.9 * u + 0.4 * v).sin() * (0.23 * v - 0.31 * (u - MIDDLE)).sin();
         full * 0.7 * (-1.6 * v / HEIGHT as f64).exp() * texture
     };
     Optics { strength: Box::new(strength), ..plain(sigma_px, camera, 0.7) }
