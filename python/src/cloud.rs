@@ -117,7 +117,7 @@ impl Cloud {
         Ok(Self::of(cloud))
     }
 
-    /// The cloud of a file: .ply, .xyz or .csv.
+    /// The cloud of a file: .ply, .pcd, .xyz, .csv or .e57.
     ///
     /// Raises
     /// ------
@@ -130,7 +130,7 @@ impl Cloud {
         Ok(Self::of(cloud))
     }
 
-    /// Writes the cloud, whole or not at all: .ply (binary, all attributes), .xyz or .csv.
+    /// Writes the cloud, whole or not at all: .ply or .pcd (binary), .xyz, .csv or .e57; what a format can't hold is left out.
     ///
     /// Raises
     /// ------
@@ -223,28 +223,7 @@ impl Cloud {
         let chosen = numpy.call_method1("asarray", (index,))?;
         let chosen = all.get_item(chosen)?.call_method0("ravel")?;
         let order: Vec<usize> = chosen.extract()?;
-        let cloud = &self.inner;
-        fn pick<T: Copy>(values: Option<&[T]>, order: &[usize]) -> Option<Vec<T>> {
-            values.map(|values| order.iter().map(|&i| values[i]).collect())
-        }
-        let positions = order.iter().map(|&i| cloud.positions_mm()[i]).collect();
-        let mut made = PointCloud::new(cloud.frame(), positions);
-        if let Some(values) = pick(cloud.intensities(), &order) {
-            made = made.with_intensities(values).or_raise(py)?;
-        }
-        if let Some(values) = pick(cloud.frame_rows(), &order) {
-            made = made.with_frame_rows(values).or_raise(py)?;
-        }
-        if let Some(values) = pick(cloud.pixels(), &order) {
-            made = made.with_pixels(values).or_raise(py)?;
-        }
-        if let Some(values) = pick(cloud.sigmas_mm(), &order) {
-            made = made.with_sigmas_mm(values).or_raise(py)?;
-        }
-        if let Some(values) = pick(cloud.covariances_mm2(), &order) {
-            made = made.with_covariances_mm2(values).or_raise(py)?;
-        }
-        Ok(Self::of(made))
+        Ok(Self::of(self.inner.selected(&order)))
     }
 
     fn __len__(&self) -> usize {
