@@ -8,11 +8,12 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("uw-geom", &[]),
     ("uw-stripe", &[]),
     ("uw-hw", &[]),
+    ("uw-report", &[]),
     ("uw-calib", &["uw-geom"]),
     ("uw-cloud", &["uw-geom"]),
     ("uw-sim", &["uw-geom", "uw-hw"]),
     ("uw-io", &["uw-calib", "uw-cloud", "uw-geom", "uw-hw"]),
-    ("uwscan", &["uw-calib", "uw-cloud", "uw-geom", "uw-hw", "uw-io", "uw-sim", "uw-stripe"]),
+    ("uwscan", &["uw-calib", "uw-cloud", "uw-geom", "uw-hw", "uw-io", "uw-report", "uw-sim", "uw-stripe"]),
     ("uw-cli", &["uwscan"]),
 ];
 
@@ -27,6 +28,7 @@ const NEVER: &[(&str, &[&[&str]])] = &[
     ("uw-geom", &[FILES, CLOCKS_AND_CHANCE, LOGS, TERMINAL, &["serde"]]),
     ("uw-stripe", &[FILES, CLOCKS_AND_CHANCE, LOGS, TERMINAL, &["serde"]]),
     ("uw-hw", &[&["csv", "image", "toml"], LOGS, TERMINAL]),
+    ("uw-report", &[FILES, CLOCKS_AND_CHANCE, LOGS, TERMINAL, &["serde"]]),
     ("uw-calib", &[FILES, CLOCKS_AND_CHANCE, LOGS, TERMINAL]),
     // The k-d tree carries `tracing` along, unused, and that `log` where another crate of the workspace asks for it: docs/adr/0023-k-d-tree.md.
     ("uw-cloud", &[FILES, CLOCKS_AND_CHANCE, TERMINAL, &["serde"]]),
