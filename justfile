@@ -58,6 +58,14 @@ neon:
 fuzz SECONDS="60":
     cd crates/uw-stripe && cargo +nightly fuzz run extract -- -max_total_time={{SECONDS}}
 
+# The paper's experiments, simulated, by its method and by ours
+reproduce FOLDER="target/reproduce" *ARGS: build
+    target/release/uwscan reproduce -o {{FOLDER}} --force {{ARGS}}
+
+# Pages of reports in headless Chromium: no fault on the console, nothing asked of the network, views turn; pictures go into FOLDER
+pages FOLDER *PAGES:
+    scripts/pages.sh {{FOLDER}} {{PAGES}}
+
 # An acceptance script of yours (SCRIPT --uwscan BINARY …) on the optimised command
 accept SCRIPT *ARGS: build
     {{SCRIPT}} --uwscan {{justfile_directory()}}/target/release/uwscan {{ARGS}}

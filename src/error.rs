@@ -142,6 +142,51 @@ pub enum Error {
     /// A cloud holds no such shape.
     #[error("{0}")]
     Fit(uw_cloud::FitError),
+    /// Shapes can't be looked for in a cloud.
+    #[error("{}: {source}", path.display())]
+    Shapes {
+        /// The cloud or capture.
+        path: PathBuf,
+        /// What is wrong.
+        source: uw_cloud::FitError,
+    },
+    /// A cloud has no surface.
+    #[error("{}: {source}", path.display())]
+    Surface {
+        /// The cloud or capture.
+        path: PathBuf,
+        /// What is wrong.
+        source: uw_cloud::SurfaceError,
+    },
+    /// A scan can't be held against a reference.
+    #[error("{}: reference: {what}", path.display())]
+    Reference {
+        /// The reference.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
+    },
+    /// A mesh was given where a cloud is needed.
+    #[error("{}: this is a mesh, and scans are clouds or captures: give it with --reference to hold scans against it", path.display())]
+    MeshForCloud {
+        /// The mesh.
+        path: PathBuf,
+    },
+    /// A capture can't become points without a calibration.
+    #[error("{}: a capture needs the calibration of its instrument: give it with -c calibration.toml", path.display())]
+    CalibrationNeeded {
+        /// The capture.
+        path: PathBuf,
+    },
+    /// A page's name would be that of what is written beside it, or no page's.
+    #[error("{}: a report's name ends in .html; figures go beside it into files ending in .json and .csv", path.display())]
+    PageName {
+        /// The page.
+        path: PathBuf,
+    },
+    /// A plot can't be drawn.
+    #[error(transparent)]
+    Plot(uw_report::PlotError),
     /// A thing of a scene that there can't be.
     #[error("object \"{object}\": {what}")]
     Scene {

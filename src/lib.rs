@@ -14,5 +14,6 @@ pub use uw_cloud as cloud;
 pub use uw_geom as geom;
 pub use uw_hw as hw;
 pub use uw_io as io;
+pub use uw_report as report;
 pub use uw_sim as sim;
 pub use uw_stripe as stripe;

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use uw_calib::lm::LmError;
 use uw_calib::{
     Across, BoardView, CalibError, Method, Observations, Outside, Rejected, StripePoint, StripeView,
+    ViewResiduals,
 };
 use uw_io::calibration_toml::{CalibrationFile, CaptureSource};
 use uw_io::{Capture, FrameRecord, Kind, Medium, Problem, Rig, SaidBy};
@@ -29,6 +30,8 @@ pub struct Settings {
 pub struct Calibrated {
     /// Ready to be written.
     pub file: CalibrationFile,
+    /// What remained of each measurement; empty for the paper's method.
+    pub remains: Vec<ViewResiduals>,
     /// Warnings about the files, and losses.
     pub problems: Vec<Problem>,
 }
@@ -60,12 +63,12 @@ pub fn calibrate(
     let Observed { observations, rig, sources, rejected, problems } = observe(captures, settings, progress)?;
     progress.begin("adjustment", 1);
     let solved = rig.to_calib().map_err(CalibError::from).and_then(|known| match settings.method {
-        Method::Joint => uw_calib::calibrate_until(&observations, &known, &|| progress.cancelled()),
-        Method::Paper => uw_calib::calibrate_by_paper(&observations, &known),
+        Method::Joint => uw_calib::calibrate_in_full(&observations, &known, &|| progress.cancelled()),
+        Method::Paper => uw_calib::calibrate_by_paper(&observations, &known).map(|made| (made, Vec::new())),
     });
     progress.step();
-    let mut calibration = match solved {
-        Ok(calibration) => calibration,
+    let (mut calibration, remains) = match solved {
+        Ok(made) => made,
         Err(error) => {
             let notes = Notes { problems, rejected, ..Notes::default() };
             let error = match error {
@@ -77,7 +80,8 @@ pub fn calibrate(
     };
     calibration.statistics.rejected.splice(..0, rejected);
     let software = concat!("uwscan ", env!("CARGO_PKG_VERSION")).to_owned();
-    Ok(Calibrated { file: CalibrationFile { calibration, rig, captures: sources, software }, problems })
+    let file = CalibrationFile { calibration, rig, captures: sources, software };
+    Ok(Calibrated { file, remains, problems })
 }
 
 /// Corners and stripes of one or more capture folders: all of [`calibrate`] that looks at images.

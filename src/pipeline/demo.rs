@@ -5,7 +5,8 @@
 
 use crate::pipeline::Progress;
 use crate::pipeline::calibrate::{Settings as Calibrating, calibrate};
-use crate::pipeline::reconstruct::{Settings as Reconstructing, reconstruct};
+use crate::pipeline::reconstruct::{Reconstructed, Settings as Reconstructing, reconstruct};
+use crate::pipeline::report::{self, AtHand, report_at_hand};
 use crate::pipeline::simulate::{Plan, run};
 use crate::{Error, Failure, Notes};
 use nalgebra::{DMatrix, Vector3};
@@ -13,15 +14,15 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use uw_calib::{GLOBALS, Instrument, Method, Quantity, quantities};
-use uw_cloud::{PointCloud, SphereOptions, fit_sphere};
+use uw_cloud::{PointCloud, SphereOptions, SurfaceOptions, fit_sphere, triangulate};
 use uw_geom::Scanner;
 use uw_io::scene::SceneFile;
 use uw_io::truth::StripePoint;
-use uw_io::{CalibrationFile, Overwrite, Rig, calibration_toml, clouds};
+use uw_io::{CalibrationFile, Overwrite, Rig, atomic, calibration_toml, clouds, meshes};
 
 const RIG: &str = include_str!("demo/rig.toml");
 const VEHICLE: &str = include_str!("demo/vehicle.toml");
-const CALIBRATIONS: [(&str, &str); 2] =
+pub(crate) const CALIBRATIONS: [(&str, &str); 2] =
     [("cal-air", include_str!("demo/cal-air.toml")), ("cal-water", include_str!("demo/cal-water.toml"))];
 const BALL: (&str, &str) = ("ball", include_str!("demo/ball.toml"));
 const COVER: (&str, &str) = ("cover", include_str!("demo/cover.toml"));
@@ -102,8 +103,8 @@ impl Demo {
     }
 }
 
-/// Runs the demo in a folder, which then holds the scene files and captures with their truth, `calibration.toml`, `ball.ply`, `cover.ply`, and a
-/// `vehicle.toml` of the same instrument to scan with.
+/// Runs the demo in a folder, which then holds the scene files and captures with their truth, `calibration.toml`, `ball.ply`, `cover.ply`,
+/// `cover-mesh.ply`, `report.html` with its figures beside it, and a `vehicle.toml` of the same instrument to scan with.
 ///
 /// # Errors
 /// [`Failure`] where a file can't be written, or the job has no result.
@@ -129,17 +130,19 @@ pub fn demo(folder: &Path, progress: &dyn Progress) -> Result<Demo, Failure> {
     let calibrated = calibrate(&captures, &Calibrating { rig: None, method: Method::Joint }, progress)?.file;
     calibration_toml::write(&folder.join("calibration.toml"), Overwrite::Refuse, &calibrated)
         .map_err(|e| fail(e.into()))?;
-    let scan = |name: &str| -> Result<PointCloud, Failure> {
-        let settings = Reconstructing::default();
-        let cloud = reconstruct(&folder.join(name), &calibrated, &settings, progress)?.cloud;
+    let scan = |name: &str| -> Result<Reconstructed, Failure> {
+        let made = reconstruct(&folder.join(name), &calibrated, &Reconstructing::default(), progress)?;
         let path = folder.join(name).with_extension("ply");
         clouds::Format::of(&path)
-            .and_then(|format| clouds::write(&path, Overwrite::Refuse, &cloud, format))
+            .and_then(|format| clouds::write(&path, Overwrite::Refuse, &made.cloud, format))
             .map_err(|e| fail(e.into()))?;
-        Ok(cloud)
+        Ok(made)
     };
-    let (ball_cloud, cover_cloud) = (scan(BALL.0)?, scan(COVER.0)?);
-    let ball = measure(&ball_cloud, &ball_plan).map_err(fail)?;
+    let (ball_scan, cover_scan) = (scan(BALL.0)?, scan(COVER.0)?);
+    let (ball_cloud, cover_cloud) = (&ball_scan.cloud, &cover_scan.cloud);
+    let ball = measure(ball_cloud, &ball_plan).map_err(fail)?;
+    mesh(folder, cover_cloud).map_err(fail)?;
+    hand_over(folder, [(BALL.0, &ball_scan), (COVER.0, &cover_scan)], &ball)?;
     let statistics = &calibrated.calibration.statistics;
     Ok(Demo {
         images,
@@ -148,8 +151,8 @@ pub fn demo(folder: &Path, progress: &dyn Progress) -> Result<Demo, Failure> {
         stripe_rms_px: statistics.stripe_rms_px,
         instrument: instrument(&calibrated, &plan.instrument.scanner, ball_plan.scenes[0].water.laser.index),
         ball,
-        ball_points: compare(&ball_cloud, &ball_truth),
-        cover_points: compare(&cover_cloud, &cover_truth),
+        ball_points: compare(ball_cloud, &ball_truth),
+        cover_points: compare(cover_cloud, &cover_truth),
         simulating,
         working: began.elapsed(),
     })
@@ -165,6 +168,42 @@ fn write_files(folder: &Path) -> Result<(), uw_io::Error> {
     [("rig", RIG), ("vehicle", VEHICLE), air, water, BALL, COVER]
         .iter()
         .try_for_each(|(name, text)| write(name, text))
+}
+
+/// Writes the cover's surface.
+fn mesh(folder: &Path, cover: &PointCloud) -> Result<(), Error> {
+    let path = folder.join("cover-mesh.ply");
+    let surface = triangulate(cover, &SurfaceOptions::default())
+        .map_err(|source| Error::Surface { path: path.clone(), source })?;
+    let format = meshes::Format::of(&path)?;
+    Ok(meshes::write(&path, Overwrite::Refuse, &surface.mesh, format)?)
+}
+
+/// Writes the page to hand over, with the ball's true radius as the nominal one.
+fn hand_over(folder: &Path, scans: [(&str, &Reconstructed); 2], ball: &[Found]) -> Result<(), Failure> {
+    let fail = |error: Error| Failure { error: Box::new(error), notes: Notes::default() };
+    let nominal = folder.join("nominal.csv");
+    let radius = ball.iter().find(|f| f.name == "radius_mm").map_or(f64::NAN, |f| f.truth);
+    let text = format!("kind,a,b,value_mm\nradius,ball,,{radius}\n");
+    atomic::write(&nominal, Overwrite::Refuse, |out| out.write_all(text.as_bytes()))
+        .map_err(|e| fail(e.into()))?;
+    let captures = scans.map(|(name, _)| folder.join(name));
+    let how = Reconstructing::default();
+    let at_hand: Vec<AtHand<'_>> = captures
+        .iter()
+        .zip(scans)
+        .map(|(capture, (_, reconstructed))| AtHand { capture, reconstructed, settings: &how })
+        .collect();
+    let settings = report::Settings {
+        calibration: Some(folder.join("calibration.toml")),
+        nominal: Some(nominal),
+        title: Some("A ball and a cover, measured in simulated water".to_owned()),
+        named_from: Some(folder.to_owned()),
+        ..report::Settings::default()
+    };
+    let made = report_at_hand(&at_hand, &settings)?;
+    made.write(&folder.join("report.html"), Overwrite::Refuse).map_err(fail)?;
+    Ok(())
 }
 
 fn plan(name: &str, text: &str) -> Result<Plan, Error> {

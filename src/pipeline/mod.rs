@@ -12,8 +12,10 @@
 //! | reconstruct | `reconstruct` | scan, calibration | [`uw_cloud::PointCloud`] | water's index, order of the stages | [`crate::Failure`] |
 //! | capture | `capture` | instrument, board | capture folder of a calibration | whether a placement is kept, what the set lacks | [`capture::Taken`] says why it is not; [`crate::Error`] |
 //! | doctor | `doctor` | vehicle file | findings: what is wrong, where, and how to mend it | what a scan needs of files, drives, camera, disk, clock | a finding |
+//! | report | [`report`] | scans, clouds, nominal values, a reference | one page, JSON, CSV | which ball is which, what is shown | [`crate::Failure`] |
 //! | simulate | `simulate` | scene file | capture, truth | true instrument, scene at each exposure | [`crate::Error::Simulation`] |
 //! | demo | `demo` | scenes compiled in | figures beside their truth | what has to come out how well | [`crate::Failure`] |
+//! | reproduce | [`reproduce`] | seed | the paper's experiments, its method and ours | – | [`crate::Failure`] |
 //! | batch | [`batch`] | folder of recordings, calibration | a cloud and a result each, one table | what is there already, what is no scan | a recording that fails is a row of the table |
 //! | uncertainty | [`uncertainty`] | cloud, calibration, fit | the calibration's part of its covariance | whether the cloud came of that calibration | [`crate::Error::OtherCalibration`] |
 
@@ -29,6 +31,8 @@ mod points;
 pub mod reconstruct;
 pub mod record;
 pub mod replay;
+pub mod report;
+pub mod reproduce;
 pub mod simulate;
 mod stripes;
 mod sweep;

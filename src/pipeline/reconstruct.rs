@@ -29,6 +29,17 @@ pub enum Refraction {
     None,
 }
 
+impl Refraction {
+    /// Its name, as options and files have it: `exact`, `paper` or `none`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Exact => "exact",
+            Self::Paper => "paper",
+            Self::None => "none",
+        }
+    }
+}
+
 /// What tells the index of the water of a scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum WaterIndex {
@@ -84,6 +95,8 @@ pub struct Reconstructed {
     pub frames: usize,
     /// Rows (columns) without a point, by reason.
     pub rejected: Rejects,
+    /// The same for each image, in their order.
+    pub images: Vec<ImageTally>,
     /// Index of refraction used outside the windows.
     pub index: f64,
     /// Warnings about the files, and losses.
@@ -92,6 +105,17 @@ pub struct Reconstructed {
     pub warnings: Vec<String>,
     /// Where the time went.
     pub spent: Spent,
+}
+
+/// What became of the rows (columns) of one laser-on image.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ImageTally {
+    /// Its row in the capture.
+    pub row: usize,
+    /// Rows (columns) with a point.
+    pub points: usize,
+    /// Those without, by reason.
+    pub rejected: Rejects,
 }
 
 /// Time spent on the images' stages, summed over the threads.
@@ -218,7 +242,7 @@ fn points(
         })
         .collect::<Result<_, Error>>()?;
 
-    let (mut images, mut used, mut rejected, mut spent) = (Vec::new(), 0, Rejects::new(), Spent::default());
+    let (mut images, mut tallies, mut spent) = (Vec::new(), Vec::new(), Spent::default());
     let (mut losses, mut backgrounds) = (Vec::new(), Vec::new());
     for (lost, frames) in made {
         backgrounds.extend(lost);
@@ -226,25 +250,27 @@ fn points(
             match result {
                 Ok(found) => {
                     spent.add(found.spent);
-                    for (&reason, &count) in &found.rejected {
-                        *rejected.entry(reason).or_default() += count;
-                    }
-                    used += 1;
+                    tallies.push(ImageTally { row: frame.row, points: 0, rejected: found.rejected });
                     images.extend(found.image.map(|image| (frame, image)));
                 }
                 Err(error) => losses.push(Problem::loss(frame.row, error)),
             }
         }
     }
-    if used == 0 && !losses.is_empty() {
+    tallies.sort_by_key(|tally: &ImageTally| tally.row);
+    if tallies.is_empty() && !losses.is_empty() {
         let first = Box::new(losses.swap_remove(0).error);
         return Err(Error::NothingLeft { path: capture.path, first });
     }
     losses.append(&mut backgrounds);
     notes.problems.append(&mut losses);
-    let points = believed(&tracer, images, &mut rejected, &mut spent);
+    let points = believed(&tracer, images, &mut tallies, &mut spent);
+    let mut rejected = Rejects::new();
+    for (reason, count) in tallies.iter().flat_map(|tally| &tally.rejected) {
+        *rejected.entry(reason).or_default() += count;
+    }
     if points.is_empty() {
-        return Err(Error::NoPoint { path: capture.path, frames: used, rejected });
+        return Err(Error::NoPoint { path: capture.path, frames: tallies.len(), rejected });
     }
     let mut cloud = PointCloud::from_points(Frame::Camera, &points);
     if settings.frame == Frame::Galvo {
@@ -253,8 +279,9 @@ fn points(
     }
     Ok(Reconstructed {
         cloud,
-        frames: used,
+        frames: tallies.len(),
         rejected,
+        images: tallies,
         index: medium.index,
         problems: Vec::new(),
         warnings: Vec::new(),
@@ -300,11 +327,12 @@ fn passes(images: Vec<(&FrameRecord, Image)>) -> Vec<Vec<(&FrameRecord, Image)>>
     passes
 }
 
-/// The points of all images, in the order of the frames; what the sweep as a whole tells against is counted in `rejected`.
+/// The points of all images, in the order of the frames; they, and what the sweep as a whole tells against, are counted in `tallies`,
+/// which are in that order, too.
 fn believed(
     tracer: &Tracer<'_>,
     images: Vec<(&FrameRecord, Image)>,
-    rejected: &mut Rejects,
+    tallies: &mut [ImageTally],
     spent: &mut Spent,
 ) -> Vec<CloudPoint> {
     let mut judged: Vec<(&FrameRecord, f64, Verdicts)> = Vec::new();
@@ -320,16 +348,19 @@ fn believed(
         .map(|(frame, voltage_v, verdicts)| {
             let began = Instant::now();
             let points = tracer.points(frame.row as u32, voltage_v, verdicts);
-            (points, began.elapsed())
+            (frame.row, points, began.elapsed())
         })
         .collect();
     let mut all = Vec::new();
-    for ((points, reasons), took) in made {
+    for (row, (points, reasons), took) in made {
         spent.triangulate += took;
-        all.extend(points);
-        for reason in reasons {
-            *rejected.entry(reason).or_default() += 1;
+        if let Ok(at) = tallies.binary_search_by_key(&row, |tally| tally.row) {
+            tallies[at].points = points.len();
+            for reason in reasons {
+                *tallies[at].rejected.entry(reason).or_default() += 1;
+            }
         }
+        all.extend(points);
     }
     all
 }

@@ -9,6 +9,7 @@ use crate::joint::{
     stripe_residuals,
 };
 use crate::lm::{Loss, Model};
+use crate::residuals::{ViewResiduals, remains};
 use crate::sight::Pose;
 use crate::start;
 use nalgebra::{DMatrix, Vector2};
@@ -102,6 +103,18 @@ pub fn calibrate_until(
     rig: &Rig,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Calibration, CalibError> {
+    Ok(calibrate_in_full(observations, rig, stop)?.0)
+}
+
+/// As [`calibrate_until`], and what remained of each measurement.
+///
+/// # Errors
+/// As [`calibrate_until`].
+pub fn calibrate_in_full(
+    observations: &Observations,
+    rig: &Rig,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<(Calibration, Vec<ViewResiduals>), CalibError> {
     let (mut state, mut used, mut scales) = begin(observations, rig, stop)?;
     let mut rejected = Vec::new();
     let mut solved = None;
@@ -150,7 +163,8 @@ pub fn calibrate_until(
         warnings: Vec::new(),
     };
     calibration.warnings = diagnostics::warnings(observations, rig, &calibration, &state);
-    Ok(calibration)
+    let remains = remains(observations, &state, &used);
+    Ok((calibration, remains))
 }
 
 /// Residuals of every stripe measurement, the shape of the observations.

@@ -13,16 +13,18 @@ mod joint;
 mod paper;
 mod parameters;
 mod priors;
+mod residuals;
 mod sheets;
 mod sight;
 mod start;
 
-pub use adjust::{Adjustment, adjustment, calibrate, calibrate_until};
+pub use adjust::{Adjustment, adjustment, calibrate, calibrate_in_full, calibrate_until};
 pub use calibration::{Calibration, CorrelatedPair, Method, Rejected, Statistics, WorstImage};
 pub use data::{Across, BoardView, CornerPoint, Observations, Outside, Priors, Rig, StripePoint, StripeView};
 pub use error::CalibError;
 pub use paper::calibrate_by_paper;
 pub use parameters::{Coordinate, GLOBALS, Instrument, NAMES, Quantity, quantities, variance};
+pub use residuals::{CornerRemains, StripePointRemains, StripeRemains, ViewResiduals};
 pub use sheets::{VoltagePlane, axis_of, robust_plane};
 
 mod board;

@@ -8,7 +8,7 @@ use clap::{
 
 use crate::commands::{
     batch, calibrate, capture_calibration, clean, compare, completions, convert, demo, devices, doctor, fit,
-    info, man, merge, mesh, reconstruct, recover, scan, shapes, simulate,
+    info, man, merge, mesh, reconstruct, recover, report, reproduce, scan, shapes, simulate,
 };
 
 /// Underwater laser-line scanning: calibration, exact refraction, point clouds and measurements.
@@ -94,6 +94,8 @@ pub enum Command {
     Merge(merge::Args),
     /// Say how far a cloud or mesh lies off a reference mesh, after best-fit alignment
     Compare(compare::Args),
+    /// Hand over what was measured: one page with figures, plots and a view in space, and the figures as files
+    Report(report::Args),
     /// Say what a file or capture folder holds, and whether it is sound
     Info(info::Args),
     /// Write a capture, cloud or calibration in another format
@@ -102,6 +104,8 @@ pub enum Command {
     Recover(recover::Args),
     /// Make images of a scene as this instrument would see it, with the truth beside them
     Simulate(simulate::Args),
+    /// Do the paper's experiments on simulated images, by its method and by ours, as one report
+    Reproduce(reproduce::Args),
     /// List serial ports and cameras that are attached
     Devices(devices::Args),
     /// Say what is wrong with a vehicle's set-up, and how to mend it

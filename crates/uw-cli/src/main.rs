@@ -6,6 +6,7 @@ mod commands;
 mod console;
 mod exit;
 mod figures;
+mod now;
 mod output;
 mod progress;
 mod records;

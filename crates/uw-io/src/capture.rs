@@ -273,12 +273,7 @@ impl Capture {
     pub fn content_hash(&self) -> Result<String, Error> {
         match &self.source {
             Source::Folder => self.folder_hash(),
-            Source::Recording(_) => {
-                let mut hash = Sha256::new();
-                let mut file = File::open(&self.path).map_err(Error::file(&self.path, "open"))?;
-                feed(&mut hash, &mut file, &self.path)?;
-                Ok(hexadecimal(hash))
-            }
+            Source::Recording(_) => file_hash(&self.path),
         }
     }
 
@@ -346,6 +341,17 @@ fn feed(hash: &mut Sha256, file: &mut File, path: &Path) -> Result<u64, Error> {
             Err(e) => return Err(Error::file(path, "read")(e)),
         }
     }
+}
+
+/// The SHA-256 of a file's bytes, hexadecimal.
+///
+/// # Errors
+/// [`Error::File`] where it can't be read.
+pub fn file_hash(path: &Path) -> Result<String, Error> {
+    let mut hash = Sha256::new();
+    let mut file = File::open(path).map_err(Error::file(path, "open"))?;
+    feed(&mut hash, &mut file, path)?;
+    Ok(hexadecimal(hash))
 }
 
 fn hexadecimal(hash: Sha256) -> String {

@@ -16,6 +16,7 @@
 //! | [`images`] | PNG, TIFF, JPEG, PNM | [`GrayImage`] |
 //! | [`clouds`] ([`ply`], [`pcd`], [`xyz`], [`e57`], `las`) | PLY, PCD, XYZ and CSV, E57, LAS and LAZ (feature `las`) | [`uw_cloud::PointCloud`] |
 //! | [`meshes`] ([`ply`], [`stl`], [`obj`], [`glb`]) | PLY, STL, OBJ; GLB, written only | [`uw_cloud::TriangleMesh`] |
+//! | [`nominal`] | TOML or CSV, what an artefact should measure | [`Nominal`] |
 //! | [`scene`] | `scene.toml`, what a simulation shows | [`scene::SceneFile`] |
 //! | [`disk`] | room and names where files go | |
 //! | [`batch`] | `.result.toml`, `table.csv`: what became of an archive's recordings | [`batch::ResultRecord`] |
@@ -39,6 +40,7 @@ pub mod images;
 #[cfg(feature = "las")]
 pub mod las;
 pub mod meshes;
+pub mod nominal;
 pub mod obj;
 pub mod pcd;
 pub mod ply;
@@ -55,9 +57,10 @@ pub mod xyz;
 
 pub use atomic::Overwrite;
 pub use calibration_toml::{CalibrationFile, CaptureSource};
-pub use capture::{Capture, FrameRecord, Kind, Medium, Target};
+pub use capture::{Capture, FrameRecord, Kind, Medium, Target, file_hash};
 pub use error::{Error, Place, Problem, SaidBy, Severity};
 pub use folder::NewFolder;
 pub use images::{Expect, GrayImage, Pixels, Reduce};
+pub use nominal::Nominal;
 pub use rig::{Priors, Rig, Water};
 pub use vehicle::Vehicle;

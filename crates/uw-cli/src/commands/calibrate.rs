@@ -7,7 +7,10 @@ use serde::Serialize;
 use uwscan::{
     calib::Method,
     io::{atomic, calibration_toml},
-    pipeline::calibrate::{Calibrated, Settings, calibrate},
+    pipeline::{
+        calibrate::{Calibrated, Settings, calibrate},
+        report,
+    },
 };
 
 use crate::{
@@ -15,6 +18,7 @@ use crate::{
     console::Console,
     exit::Outcome,
     figures::{Figures, Remains, figures_text, method_name, remains_text},
+    now::now,
     output::{self, Lost},
     progress::Progress,
 };
@@ -34,7 +38,10 @@ pub struct Args {
     /// Calibration file to write
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Replace the output if it exists
+    /// Page to write besides (.html): residuals, coverage, placements, correlations, rejected images, advice; figures beside it as .json and .csv
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Replace the outputs if they exist
     #[arg(long)]
     force: bool,
     /// Print one JSON object instead of text
@@ -71,6 +78,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
     let overwrite = overwrite(args.force);
     atomic::check(&args.output, overwrite)?;
+    if let Some(page) = &args.report {
+        report::check(page, overwrite)?;
+    }
     let method = match args.method {
         MethodArg::Joint => Method::Joint,
         MethodArg::Paper => Method::Paper,
@@ -83,6 +93,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let outcome = console.problems(&calibrated.problems);
     calibrated.file.calibration.warnings.iter().for_each(|warning| console.warn(warning));
     calibration_toml::write(&args.output, overwrite, &calibrated.file)?;
+    if let Some(page) = &args.report {
+        report::write_calibration_report(&calibrated, now(), page, overwrite)?;
+    }
     let seconds = began.elapsed().as_secs_f64();
 
     let calibration = &calibrated.file.calibration;

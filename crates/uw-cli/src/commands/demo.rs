@@ -20,7 +20,7 @@ use crate::{
 /// Arguments of `demo`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Folder to keep captures, truth, calibration and clouds in [default: they are removed]
+    /// Folder to keep captures, truth, calibration, clouds, mesh and report in [default: they are removed]
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Replace the output if it exists
@@ -157,8 +157,8 @@ fn text(made: &Demo, kept: Option<&std::path::Path>) -> String {
     text += &format!("bars: radius within {BALL_BAR_MM} mm, cover's median within {COVER_BAR_MM} mm\n");
     if let Some(kept) = kept {
         text += &format!(
-            "{0}: scenes, captures with their truth, calibration.toml, ball.ply, cover.ply, and the instrument itself: uwscan scan --config \
-             {0}/vehicle.toml\n",
+            "{0}: scenes, captures with their truth, calibration.toml, ball.ply, cover.ply, cover-mesh.ply, report.html, and the instrument \
+             itself: uwscan scan --config {0}/vehicle.toml\n",
             kept.display()
         );
     }

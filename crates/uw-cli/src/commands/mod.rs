@@ -17,6 +17,8 @@ pub mod merge;
 pub mod mesh;
 pub mod reconstruct;
 pub mod recover;
+pub mod report;
+pub mod reproduce;
 pub mod scan;
 pub mod shapes;
 pub mod simulate;
@@ -52,6 +54,8 @@ pub fn run(cli: &Cli, console: &Console) -> anyhow::Result<Outcome> {
         Command::Clean(args) => clean::run(args, console),
         Command::Compare(args) => compare::run(args, console),
         Command::Merge(args) => merge::run(args, console),
+        Command::Report(args) => report::run(args, console),
+        Command::Reproduce(args) => reproduce::run(args, console),
         Command::Info(args) => info::run(args, console),
         Command::Convert(args) => convert::run(args, console),
         Command::Recover(args) => recover::run(args, console),

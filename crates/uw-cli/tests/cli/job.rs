@@ -3,7 +3,7 @@
 use std::{
     fs,
     io::Read,
-    path::Path,
+    path::{Path, PathBuf},
     process::{Command, Stdio},
     sync::LazyLock,
 };
@@ -28,14 +28,20 @@ pub fn thinned(row: usize, text: &str) -> bool {
 static CALIBRATED: LazyLock<(TempDir, Value, String)> = LazyLock::new(|| {
     let (air, water, out) =
         (part_of("cal-air", thinned), part_of("cal-water", thinned), TempDir::new().unwrap());
-    let target = out.path().join("calibration.toml");
+    let (target, page) = (out.path().join("calibration.toml"), out.path().join("calibration-report.html"));
     let args = ["calibrate".as_ref(), air.path().as_os_str(), water.path().as_os_str(), "--json".as_ref()];
-    let run = uwscan(args.into_iter().chain(["-o".as_ref(), target.as_os_str()]));
+    let outputs = ["-o".as_ref(), target.as_os_str(), "--report".as_ref(), page.as_os_str()];
+    let run = uwscan(args.into_iter().chain(outputs));
     (out, run.json(0), run.stderr)
 });
 
 pub fn calibration() -> String {
     CALIBRATED.0.path().join("calibration.toml").to_str().unwrap().to_owned()
+}
+
+/// The folder of the calibration's page.
+pub fn calibration_report() -> PathBuf {
+    CALIBRATED.0.path().to_owned()
 }
 
 #[test]

@@ -17,6 +17,7 @@ mod infos;
 mod job;
 mod meshes;
 mod recordings;
+mod reports;
 mod samples;
 mod scans;
 mod simulations;
