@@ -1,7 +1,7 @@
 //! A calibration: the instrument as estimated, and how well it is known.
 
 use crate::convert::Out;
-use crate::errors::{Class, OrRaise, error, warn};
+use crate::errors::{Class, OrRaise, error, type_name, warn};
 use crate::model::Scanner;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -241,7 +241,7 @@ pub fn calibration_of(any: &Bound<'_, PyAny>) -> PyResult<Arc<CalibrationFile>> 
         return Ok(calibration.get().file.clone());
     }
     let path: PathBuf = any.extract().map_err(|_| {
-        let got = any.get_type().name().map_or_else(|_| "?".to_owned(), |n| n.to_string());
+        let got = type_name(any);
         error(py, Class::Dtype, format!("calibration must be a Calibration or a path, got {got}"))
     })?;
     Ok(Calibration::load(py, path)?.file)

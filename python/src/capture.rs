@@ -2,7 +2,7 @@
 
 #[cfg(feature = "stubs")]
 use crate::convert::Out;
-use crate::errors::{OrRaise, input, warn};
+use crate::errors::{Class, OrRaise, error, input, type_name, warn};
 use numpy::{PyArray, PyArrayMethods};
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
@@ -274,11 +274,7 @@ pub fn path_of(name: &str, any: &Bound<'_, PyAny>) -> PyResult<PathBuf> {
         return Ok(capture.path.clone());
     }
     any.extract().map_err(|_| {
-        let got = any.get_type().name().map_or_else(|_| "?".to_owned(), |n| n.to_string());
-        crate::errors::error(
-            py,
-            crate::errors::Class::Dtype,
-            format!("{name} must be a Capture or a path, got {got}"),
-        )
+        let got = type_name(any);
+        error(py, Class::Dtype, format!("{name} must be a Capture or a path, got {got}"))
     })
 }

@@ -1,6 +1,6 @@
 //! NumPy arrays in and out: inputs are borrowed where their layout allows, outputs are owned by Python or lent by their object.
 
-use crate::errors::{Class, error, input};
+use crate::errors::{Class, error, input, type_name};
 use numpy::ndarray::{ArrayView, ArrayView2, ArrayView3, Axis, Dimension, Ix2};
 use numpy::{
     Element, PyArray, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
@@ -24,7 +24,7 @@ impl<'py> Images<'py> {
     pub fn of(name: &str, any: &Bound<'py, PyAny>) -> PyResult<Self> {
         let py = any.py();
         let array = any.cast::<PyUntypedArray>().map_err(|_| {
-            let got = any.get_type().name().map_or_else(|_| "?".to_owned(), |n| n.to_string());
+            let got = type_name(any);
             error(py, Class::Dtype, format!("{name} must be a numpy array of uint8 or uint16, got {got}"))
         })?;
         if !matches!(array.ndim(), 2 | 3) {

@@ -67,6 +67,11 @@ pub fn input(py: Python<'_>, message: impl Into<String>) -> PyErr {
     error(py, Class::Input, message)
 }
 
+/// An object's type, as messages name it.
+pub fn type_name(any: &Bound<'_, PyAny>) -> String {
+    any.get_type().name().map_or_else(|_| "?".to_owned(), |name| format!("{name}"))
+}
+
 /// What the library's errors become in Python.
 pub trait IntoPyErr {
     /// The exception.
