@@ -152,7 +152,7 @@ impl Mesh {
     }
 }
 
-/// The surface through a cloud's points, none of them moved: triangulated in the image (or in directions from the sensor, for points
+/// The surface through a cloud's points, none of them moved unless `smooth` is true: triangulated in the image (or in directions from the sensor, for points
 /// without pixels), and cut at voids, along occlusions and across steps.
 ///
 /// Parameters
@@ -163,6 +163,8 @@ impl Mesh {
 ///     Where the points were seen from, (3,), mm; the frame's origin by default.
 /// steepest_deg : float, default 85
 ///     Triangles that the line of sight or the light meets at this angle to their normal, or a larger one, are left out.
+/// smooth : bool, default False
+///     Move vertices to what they and their neighbours say together, each by its sigma: the cloud must have sigmas.
 ///
 /// Returns
 /// -------
@@ -188,19 +190,20 @@ impl Mesh {
     *,
     sensor_mm: "numpy.typing.ArrayLike | None" = None,
     steepest_deg = 85.0,
+    smooth = false,
 ) -> "Mesh")]
 pub fn triangulate_surface(
     py: Python<'_>,
     cloud: &Bound<'_, PyAny>,
     sensor_mm: Option<&Bound<'_, PyAny>>,
     steepest_deg: f64,
+    smooth: bool,
 ) -> PyResult<Mesh> {
     if !(45.0..=90.0).contains(&steepest_deg) {
         return Err(input(py, format!("steepest_deg must be from 45 to 90, got {steepest_deg}")));
     }
     let sensor_mm = sensor_mm.map(|any| triple("sensor_mm", any)).transpose()?;
-    let options =
-        SurfaceOptions { sensor_mm, steepest_rad: steepest_deg.to_radians(), ..SurfaceOptions::default() };
+    let options = SurfaceOptions { sensor_mm, steepest_rad: steepest_deg.to_radians(), smooth };
     let cloud = cloud_of(cloud, None, None)?;
     let made = py.detach(|| triangulate(&cloud, &options)).or_raise(py)?;
     Ok(Mesh { inner: made.mesh, points: Some(made.points) })

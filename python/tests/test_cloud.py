@@ -141,6 +141,11 @@ def test_a_surface_and_its_files(tmp_path):
         mesh.save(tmp_path / name)
         assert uwscan.Mesh.load(tmp_path / name).area_mm2 == pytest.approx(361)
     mesh.save(tmp_path / "m.glb")
+    rough = cap(900, scatter=0.02)
+    smooth = uwscan.triangulate_surface(uwscan.Cloud(rough, sigma_mm=0.02), smooth=True)
+    assert np.max(np.abs(smooth.vertices_mm - rough[smooth.point_index])) > 0
+    with pytest.raises(uwscan.SurfaceError):
+        uwscan.triangulate_surface(rough, smooth=True)
     with pytest.raises(uwscan.FormatError):
         uwscan.Mesh.load(tmp_path / "m.glb")
     with pytest.raises(uwscan.InputError):

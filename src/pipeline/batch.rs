@@ -133,12 +133,14 @@ pub fn run_one(
     progress: &dyn Progress,
 ) -> Result<(ResultRecord, bool), Error> {
     let began = Instant::now();
-    let made = catch_unwind(AssertUnwindSafe(|| make(job, shared, output, progress)));
+    // What is known of the key by the time that something fails.
+    let mut key = String::new();
+    let made = catch_unwind(AssertUnwindSafe(|| make(job, shared, output, progress, &mut key)));
     let mut record = match made {
         Ok(Ok((record, true))) => return Ok((record, true)),
         Ok(Ok((record, false))) => record,
-        Ok(Err((Error::Cancelled, _))) => return Err(Error::Cancelled),
-        Ok(Err((error, key))) => failed(job, key, error.to_string()),
+        Ok(Err(Error::Cancelled)) => return Err(Error::Cancelled),
+        Ok(Err(error)) => failed(job, key, error.to_string()),
         Err(_) => failed(job, String::new(), "the program failed on it (a panic): report this".to_owned()),
     };
     record.seconds = began.elapsed().as_secs_f64();
@@ -197,41 +199,31 @@ fn make(
     shared: &Shared,
     output: &Path,
     progress: &dyn Progress,
-) -> Result<(ResultRecord, bool), (Error, String)> {
-    let unread = |error: Error| (error, String::new());
-    let capture = Capture::open(&job.path).map_err(|e| unread(e.into()))?;
-    let key = shared.key(&capture).map_err(unread)?;
-    if let Some(record) = kept(output, job, &key) {
+    key: &mut String,
+) -> Result<(ResultRecord, bool), Error> {
+    let capture = Capture::open(&job.path)?;
+    *key = shared.key(&capture)?;
+    if let Some(record) = kept(output, job, key) {
         return Ok((record, true));
     }
+    let blank = || failed(job, key.clone(), String::new());
     if capture.kind != Kind::Scan {
         let message = format!("a {}, no scan", capture.kind.name());
-        return Ok((
-            ResultRecord { status: Status::Skipped, message, ..failed(job, key, String::new()) },
-            false,
-        ));
+        return Ok((ResultRecord { status: Status::Skipped, message, ..blank() }, false));
     }
     drop(capture);
-    let after = |error: Error| (error, key.clone());
     let reconstruct::Reconstructed { cloud, frames, index, problems, .. } =
         reconstruct(&job.path, &shared.calibration, &shared.settings, &Quiet(progress))
-            .map_err(|failure| after(*failure.error))?;
+            .map_err(|failure| *failure.error)?;
     let path = beside(output, job, CLOUD);
-    parent(&path).map_err(after)?;
+    parent(&path)?;
     let format = clouds::Format::Ply(uw_io::ply::Encoding::Binary);
-    clouds::write(&path, Overwrite::Replace, &cloud, format).map_err(|e| after(e.into()))?;
+    clouds::write(&path, Overwrite::Replace, &cloud, format)?;
     let mut lost = problems.iter().filter(|p| p.severity == Severity::Loss).peekable();
     let message = lost.peek().map_or_else(String::new, ToString::to_string);
     let lost = lost.count();
     let status = if lost > 0 { Status::WithLoss } else { Status::Done };
-    let record = ResultRecord {
-        status,
-        points: cloud.len(),
-        frames,
-        lost,
-        index,
-        ..failed(job, key.clone(), message)
-    };
+    let record = ResultRecord { status, points: cloud.len(), frames, lost, index, message, ..blank() };
     Ok((record, false))
 }
 
