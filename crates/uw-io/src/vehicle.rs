@@ -279,7 +279,8 @@ impl Vehicle {
 
     /// A path of the file, which counts from the file's folder.
     pub fn resolve(&self, path: &Path) -> PathBuf {
-        self.folder.join(path)
+        // Without the dots that a folder named "." would leave in messages and names.
+        self.folder.join(path).components().collect()
     }
 
     /// The text of a vehicle file.

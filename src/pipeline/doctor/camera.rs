@@ -147,6 +147,10 @@ fn rate(camera: &mut dyn Camera, setting: &Setting<'_>, rate_hz: f64, findings: 
         }
     }
     let (Some(first), Some(last)) = (stamps.first(), stamps.last()) else { return };
+    // One image has no rate, nor have images of one moment.
+    if last <= first {
+        return;
+    }
     let got = (stamps.len() - 1) as f64 / ((last - first) as f64 * 1e-9);
     if (got - rate_hz).abs() > RATE * rate_hz {
         let what = format!("{got:.1} images a second come where camera.rate_hz asks for {rate_hz}");

@@ -130,11 +130,12 @@ impl<'a> Findings<'a> {
         }
     }
 
-    /// A file's error.
+    /// A file's error, whose mend stands after its last semicolon.
     pub(crate) fn file(&mut self, error: &uw_io::Error) {
-        match error {
-            uw_io::Error::Content { place, what, mend } => self.fault(format!("{place}: {what}"), mend),
-            other => self.fault(other.to_string(), "check the path in the vehicle file, and the file"),
+        let said = error.to_string();
+        match said.rsplit_once("; ") {
+            Some((what, mend)) => self.fault(what, mend),
+            None => self.fault(said, "check the path in the vehicle file, and the file"),
         }
     }
 
@@ -189,38 +190,58 @@ pub fn examine(
     drives::laser(vehicle, handle.as_ref(), laser, &mut findings);
 
     findings.about("camera");
-    let mut open = || open_camera(vehicle, &mut bench, &timeline);
-    let opened = match &handle {
-        Some(handle) => handle.patiently(open),
-        None => open(),
-    };
-    match opened {
-        Ok(mut camera) => {
-            let calibration = files.calibration.as_ref();
-            let setting = camera::Setting { vehicle, rig, calibration, timeline: &timeline };
-            let mut look = || camera::examine(camera.as_mut(), &setting, &mut findings);
-            let ready = match &handle {
-                Some(handle) => handle.patiently(look),
-                None => look(),
+    match &bench.recorded {
+        // It shows an image only where one was recorded: no voltage and no darkness can be tried.
+        Some(volts) => findings.good(format!("replays {} images with the laser on", volts.len())),
+        None => {
+            let setting = camera::Setting {
+                vehicle,
+                rig,
+                calibration: files.calibration.as_ref(),
+                timeline: &timeline,
             };
-            match (ready, lit) {
-                (Some(in_force), Some(handle)) => {
-                    camera::stripe(camera.as_mut(), &setting, &in_force, handle, &mut findings);
-                }
-                (Some(_), None) => {
-                    let mend = "run doctor with --laser once nobody can look into it";
-                    findings.skipped("whether the stripe shows: the laser stays off", mend);
-                }
-                (None, _) => {}
-            }
-            // It is done with: what it says to that changes nothing.
-            let _ = camera.disarm(SETUP);
+            look_through(&setting, &mut bench, handle.as_ref(), lit, &mut findings);
         }
-        Err(fault) => findings.device(&fault, "`uwscan devices` lists what is there"),
     }
     drop(interlock);
     clock::stepped(clock, &mut findings);
     findings.all
+}
+
+/// Opens the camera, and looks through it: first in the dark, then, where the laser may be on, by its light.
+fn look_through(
+    setting: &camera::Setting<'_>,
+    bench: &mut Bench,
+    handle: Option<&Handle>,
+    lit: Option<&Handle>,
+    findings: &mut Findings<'_>,
+) {
+    let mut open = || open_camera(setting.vehicle, bench, setting.timeline);
+    let opened = match handle {
+        Some(handle) => handle.patiently(open),
+        None => open(),
+    };
+    let mut camera = match opened {
+        Ok(camera) => camera,
+        Err(fault) => return findings.device(&fault, "`uwscan devices` lists what is there"),
+    };
+    let mut look = || camera::examine(camera.as_mut(), setting, findings);
+    let ready = match handle {
+        Some(handle) => handle.patiently(look),
+        None => look(),
+    };
+    match (ready, lit) {
+        (Some(in_force), Some(handle)) => {
+            camera::stripe(camera.as_mut(), setting, &in_force, handle, findings);
+        }
+        (Some(_), None) => {
+            let mend = "run doctor with --laser once nobody can look into it";
+            findings.skipped("whether the stripe shows: the laser stays off", mend);
+        }
+        (None, _) => {}
+    }
+    // It is done with: what it says to that changes nothing.
+    let _ = camera.disarm(SETUP);
 }
 
 /// What setting a camera up may take.

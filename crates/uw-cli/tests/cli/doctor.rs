@@ -190,6 +190,14 @@ fn a_stripe_that_does_not_show_is_found() {
 }
 
 #[test]
+fn a_replay_is_looked_at_without_asking_for_what_it_does_not_have() {
+    let dir = crate::scans::replayed(None, Some(&calibration()));
+    assert_eq!(found(&dir, 0, &["--laser"]), [""; 0]);
+    let run = uwscan(["doctor", "--config", config(&dir).to_str().unwrap()]);
+    assert!(run.text().contains("replays 43 images"), "{}", run.stdout);
+}
+
+#[test]
 fn cameras_that_are_not_there_are_found() {
     // 17
     let controller = Controller::start(Manner::Good);

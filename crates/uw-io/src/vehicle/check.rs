@@ -130,6 +130,14 @@ impl Check<'_> {
             let what = format!("{} significant bits can't be read", c.bits);
             return Err(self.error("camera.bits", what, "give 8 for 8-bit images, 9 to 16 for 16-bit ones"));
         }
+        if c.driver == CameraDriver::Replay && c.id.as_deref().is_none_or(str::is_empty) {
+            let what = "a replayed camera needs the capture that it shows";
+            return Err(self.error(
+                "camera.id",
+                what,
+                "add a line: id = \"capture\", a capture folder or a recording",
+            ));
+        }
         self.time("camera.exposure_ms", c.exposure_ms)?;
         self.time("camera.timeout_ms", c.timeout_ms)?;
         if c.timeout_ms <= c.exposure_ms {

@@ -96,6 +96,10 @@ fn each_slip_is_named_with_its_key_and_its_mend() {
             &["laser.port", "driver = \"galvo\""],
         ),
         (with("width = 1920", "width = 0"), &["camera.width"]),
+        (
+            with("driver = \"genicam\"\nid = \"192.168.1.20\"\n", "driver = \"replay\"\n"),
+            &["camera.id", "a capture folder or a recording"],
+        ),
         (with("bits = 8", "bits = 17"), &["camera.bits"]),
         (with("timeout_ms = 500.0", "timeout_ms = 4.0"), &["camera.timeout_ms", "exposure"]),
         (with("timeout_ms = 500.0", "timeout_ms = 2000.0"), &["watchdog", "camera.timeout_ms"]),
