@@ -1,6 +1,6 @@
 //! Overlapping sweeps as one cloud: each brought onto the others' surfaces, all at once.
 //!
-//! Every sweep is triangulated ([`triangulate`]). Sweep by sweep joins those that are placed, by [`register`]. Then all poses together
+//! Every sweep is triangulated ([`triangulate`]). Sweep by sweep joins those that are placed, by [`register`](crate::register()). Then all poses together
 //! minimise the distances of every sweep's points from every other's surface, each in units of its own sigma (all-to-all generalised
 //! ICP), so that errors don't add up along a chain. The first sweep's frame stays.
 
@@ -8,7 +8,7 @@ use crate::cloud::PointCloud;
 use crate::error::{MergeError, SurfaceError};
 use crate::mesh::TriangleMesh;
 use crate::nearest::NearestOnMesh;
-use crate::register::{Joint, Registration, Start, joint, register};
+use crate::register::{Joint, Registration, Start, joint, register_sweep};
 use crate::surface::{SurfaceOptions, triangulate};
 use nalgebra::{Isometry3, Matrix6};
 
@@ -113,7 +113,9 @@ fn placed(
                 (Some(near), Some(pose)) => Start::Near(pose.inverse(), near),
                 _ => Start::Anywhere,
             };
-            let Ok(found) = register(cloud, &trees[newest], start, options.least_overlap) else { continue };
+            let Ok(found) = register_sweep(cloud, &trees[newest], start, options.least_overlap) else {
+                continue;
+            };
             let better = |(other, _): &(Registration, usize)| rank(&found) > rank(other);
             if best[index].as_ref().is_none_or(better) {
                 best[index] = Some((found, newest));

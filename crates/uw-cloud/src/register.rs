@@ -107,7 +107,27 @@ pub fn register(
     start: Start,
     least_overlap: f64,
 ) -> Result<Registration, RegisterError> {
-    let samples = Samples::new(cloud)?;
+    registered(&Samples::new(cloud)?, target, start, least_overlap)
+}
+
+/// As [`register`], of a sweep that was seen from its frame's origin, pixels or not, onto the surface of another one: both are
+/// seen from outside.
+pub(crate) fn register_sweep(
+    cloud: &PointCloud,
+    target: &NearestOnMesh<'_>,
+    start: Start,
+    least_overlap: f64,
+) -> Result<Registration, RegisterError> {
+    let samples = Samples { signed: true, ..Samples::new(cloud)? };
+    registered(&samples, target, start, least_overlap)
+}
+
+fn registered(
+    samples: &Samples,
+    target: &NearestOnMesh<'_>,
+    start: Start,
+    least_overlap: f64,
+) -> Result<Registration, RegisterError> {
     let allowed_mm = match start {
         Start::Near(..) => f64::INFINITY,
         Start::Anywhere => MOST_SCATTER * samples.radius,
@@ -116,7 +136,7 @@ pub fn register(
     let sides: &[bool] = if samples.signed { &[true, false] } else { &[false] };
     let mut refused = RegisterError::LittleOverlap { overlap: 0.0, needed: least_overlap };
     for &signed in sides {
-        let found = aligned(&samples, &Target { mesh: target, middle: samples.middle, signed }, start);
+        let found = aligned(samples, &Target { mesh: target, middle: samples.middle, signed }, start);
         let overlap = found.overlap;
         if !found.rms_mm.is_finite() || overlap < least_overlap {
             refused = RegisterError::LittleOverlap { overlap, needed: least_overlap };

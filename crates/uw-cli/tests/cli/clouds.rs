@@ -106,10 +106,10 @@ fn sweeps_are_merged_where_they_overlap_and_refused_where_not() {
     let dir = TempDir::new().unwrap();
     let file = |name: &str| dir.path().join(name);
     let (left, right) =
-        (cloud(&file("a.xyz"), -45..10, [0.0; 2]), cloud(&file("b.xyz"), -12..45, [9.0, 4.0]));
+        (cloud(&file("a.xyz"), -45..10, [0.0; 2]), cloud(&file("b.xyz"), -12..45, [5.0, 4.0]));
     let out = file("all.ply");
     let out = out.to_str().unwrap();
-    let merged = uwscan(["merge", &left, &right, "-o", out, "--json"]).json(0);
+    let merged = uwscan(["merge", &left, &right, "-o", out, "--near", "20", "--json"]).json(0);
     assert_eq!(merged["points"], (55 + 57) * 90);
     let matrix = &merged["clouds"][1]["first_from_cloud"];
     // The turn is taken back, and with it the shift.
@@ -121,7 +121,9 @@ fn sweeps_are_merged_where_they_overlap_and_refused_where_not() {
             "{pair}"
         );
     }
-    let averaged = uwscan(["merge", &left, &right, "-o", out, "--average", "2", "--force", "--json"]).json(0);
+    let averaged =
+        uwscan(["merge", &left, &right, "-o", out, "--near", "20", "--average", "2", "--force", "--json"])
+            .json(0);
     assert!(averaged["points"].as_u64().unwrap() < 6000, "{averaged}");
     // Beside it there is nothing of the first.
     let apart = cloud(&file("c.xyz"), 20..45, [0.0; 2]);

@@ -51,7 +51,8 @@ pub(super) fn starts(samples: &Samples, target: &Target<'_, '_>, most: usize) ->
     let alike = Alike::new(&places, widest);
     let sides: &[(f64, f64)] =
         if target.signed { &[(1.0, 1.0)] } else { &[(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)] };
-    let mut pairs = Vec::new();
+    let mut pairs: Vec<Vec<(usize, [Oriented; 2], Vec<Range<usize>>)>> =
+        sides.iter().map(|_| Vec::new()).collect();
     for _ in 0..20 * DRAWN {
         let mut draw = || with_normal[random.below(with_normal.len())];
         let ((a, own_a), (b, own_b)) = (draw(), draw());
@@ -59,7 +60,7 @@ pub(super) fn starts(samples: &Samples, target: &Target<'_, '_>, most: usize) ->
         if !(0.3 * samples.radius..widest).contains(&apart) {
             continue;
         }
-        for (side_a, side_b) in sides {
+        for ((side_a, side_b), pairs) in sides.iter().zip(&mut pairs) {
             let pair = [
                 Oriented { place: a.place, normal: own_a * *side_a },
                 Oriented { place: b.place, normal: own_b * *side_b },
@@ -70,13 +71,14 @@ pub(super) fn starts(samples: &Samples, target: &Target<'_, '_>, most: usize) ->
                 pairs.push((count, pair, found));
             }
         }
-        if pairs.len() >= DRAWN * sides.len() {
+        if pairs[0].len() >= DRAWN {
             break;
         }
     }
-    // A pair that is like few others is more likely to be laid where it belongs.
-    pairs.sort_by_key(|(count, ..)| *count);
-    for (count, pair, found) in pairs.iter().take(PAIRS * sides.len()) {
+    // A pair that is like few others is more likely to be laid where it belongs. Of each choice of sides as many: pairs of a wrong one are
+    // like few others, too.
+    pairs.iter_mut().for_each(|pairs| pairs.sort_by_key(|(count, ..)| *count));
+    for (count, pair, found) in pairs.iter().flat_map(|pairs| pairs.iter().take(PAIRS)) {
         let Some(from) = frame(&pair[0], &pair[1]) else { continue };
         for _ in 0..(POSES_A_PAIR / sides.len().min(2)).min(*count) {
             let mut at = random.below(*count);

@@ -3,6 +3,7 @@
 mod bad_input;
 mod degenerate;
 mod hunts;
+mod merges;
 mod monte_carlo;
 mod no_shapes;
 mod poses;

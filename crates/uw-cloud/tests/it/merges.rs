@@ -1,0 +1,100 @@
+//! Sweeps of one scene brought together.
+
+use crate::scene::{gauss, random};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use rand::rngs::StdRng;
+use uw_cloud::{Frame, MergeError, MergeOptions, PointCloud, merge};
+
+/// Noise of the points along z, mm.
+const SIGMA_MM: f64 = 0.03;
+/// Poses from thousands of points of 0.03 mm; the surfaces that they are laid onto are as noisy as they are.
+const POSE_MM: f64 = 0.03;
+
+/// A relief that no motion maps onto itself.
+fn relief(x: f64, y: f64) -> f64 {
+    900.0 + 6.0 * (x / 17.0).sin() + 5.0 * (y / 13.0 + x / 40.0).cos() + 0.002 * x * y
+}
+
+/// A sweep over a range of x, moved by a pose.
+fn sweep(x: std::ops::Range<i32>, pose: &Isometry3<f64>, random: &mut StdRng) -> PointCloud {
+    let mut points = Vec::new();
+    for i in x {
+        for j in -50..50 {
+            let (x, y) = (f64::from(i) * 0.9, f64::from(j) * 0.8 + 0.3 * f64::from(i % 3));
+            points.push([x, y, relief(x, y) + SIGMA_MM * gauss(random)]);
+        }
+    }
+    let count = points.len();
+    let variance = (SIGMA_MM * SIGMA_MM) as f32;
+    let cloud = PointCloud::new(Frame::Camera, points)
+        .with_covariances_mm2(vec![[0.0, 0.0, 0.0, 0.0, 0.0, variance]; count])
+        .and_then(|c| c.with_sigmas_mm(vec![SIGMA_MM as f32; count]))
+        .expect("one a point");
+    cloud.transformed(Frame::Camera, pose)
+}
+
+fn pose(turn: [f64; 3], shift: [f64; 3]) -> Isometry3<f64> {
+    let middle = Isometry3::translation(0.0, 0.0, 900.0);
+    middle
+        * Isometry3::from_parts(Vector3::from(shift).into(), UnitQuaternion::new(Vector3::from(turn)))
+        * middle.inverse()
+}
+
+#[test]
+fn three_sweeps_in_a_row_come_together_with_their_covariances() {
+    let mut random = random(31);
+    let poses = [
+        Isometry3::identity(),
+        pose([0.02, -0.03, 0.3], [14.0, -6.0, 5.0]),
+        pose([-0.04, 0.02, -0.2], [-20.0, 3.0, -8.0]),
+    ];
+    let ranges = [-60..0, -30..30, 5..65];
+    let clouds: Vec<PointCloud> =
+        ranges.into_iter().zip(&poses).map(|(x, pose)| sweep(x, pose, &mut random)).collect();
+    let near = MergeOptions { near_mm: Some(15.0), ..MergeOptions::default() };
+    let merged = merge(&clouds, &near).unwrap();
+    assert_eq!(merged.cloud.len(), clouds.iter().map(PointCloud::len).sum::<usize>());
+    for (found, truth) in merged.poses.iter().zip(&poses) {
+        // Every place of the scene comes back to where the first sweep has it.
+        for x in [-30.0, 0.0, 30.0] {
+            let place = Point3::new(x, 10.0, relief(x, 10.0));
+            let off = (found * truth * place - place).norm();
+            assert!(off < POSE_MM, "{off} mm");
+        }
+    }
+    for pair in &merged.pairs {
+        assert!(pair.rms_mm < 2.0 * SIGMA_MM, "{pair:?}");
+    }
+    assert!(merged.pairs.iter().any(|p| (p.points_of, p.surface_of) == (2, 1) && p.overlap > 0.3));
+    // Turned along, a variance along z is one along the turned z.
+    let last = merged.cloud.covariances_mm2().unwrap().last().unwrap();
+    assert!((f64::from(last[5]).sqrt() - SIGMA_MM).abs() < 0.05 * SIGMA_MM, "{last:?}");
+    assert!(
+        merged.covariances[1][(5, 5)].sqrt() < POSE_MM && merged.warnings.is_empty(),
+        "{:?}",
+        merged.warnings
+    );
+}
+
+#[test]
+fn what_does_not_overlap_or_slides_is_refused() {
+    let mut random = random(32);
+    let still = Isometry3::identity();
+    let near = MergeOptions { near_mm: Some(5.0), ..MergeOptions::default() };
+    let apart = [sweep(-60..-10, &still, &mut random), sweep(20..65, &still, &mut random)];
+    assert_eq!(merge(&apart, &near).unwrap_err(), MergeError::NoOverlap { index: 1, needed: 0.2 });
+    assert_eq!(merge(&apart[..1], &near).unwrap_err(), MergeError::TooFew { got: 1 });
+
+    let plate = |shift: f64| {
+        let at = |i: i32, j: i32| [f64::from(i) + shift, f64::from(j), 900.0 + 0.01 * f64::from(i)];
+        PointCloud::new(Frame::Camera, (0..60).flat_map(|i| (0..60).map(move |j| at(i, j))).collect())
+    };
+    let plates = [plate(0.0), plate(20.0)];
+    match merge(&plates, &MergeOptions::default()) {
+        Err(MergeError::Undetermined { index: 1, .. } | MergeError::Ambiguous { index: 1, .. }) => {}
+        other => panic!("{other:?}"),
+    }
+    // Told that they are where they are, they stay there, and it is said.
+    let merged = merge(&plates, &near).unwrap();
+    assert!(merged.warnings.iter().any(|w| w.contains("does not determine")), "{:?}", merged.warnings);
+}
