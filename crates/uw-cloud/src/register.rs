@@ -10,7 +10,7 @@
 //! | points | `sample` | which points have a say, their normals; what a point costs under a pose |
 //! | starts | `starts` | poses worth refining, from pairs of oriented points, where nothing is known of the pose |
 //! | refinement | `refine` | the pose of least squares beside a start, and its covariance |
-//! | several sweeps | `joint` | all poses at once ([`crate::merge`]) |
+//! | several sweeps | `joint` | all poses at once, for `merge` |
 //! | rivals | `rivals` | motions that nothing is lost along, and other poses that fit as well |
 
 mod joint;

@@ -35,6 +35,9 @@ struct Oriented {
     normal: Vector3<f64>,
 }
 
+/// A pair of the cloud, how many pairs of the mesh are like it, and where these are.
+type Drawn = (usize, [Oriented; 2], Vec<Range<usize>>);
+
 /// Returns up to `most` poses that bring many of the points near to the mesh, the best first.
 pub(super) fn starts(samples: &Samples, target: &Target<'_, '_>, most: usize) -> Vec<Isometry3<f64>> {
     let mut random = Random::new(1);
@@ -51,8 +54,7 @@ pub(super) fn starts(samples: &Samples, target: &Target<'_, '_>, most: usize) ->
     let alike = Alike::new(&places, widest);
     let sides: &[(f64, f64)] =
         if target.signed { &[(1.0, 1.0)] } else { &[(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)] };
-    let mut pairs: Vec<Vec<(usize, [Oriented; 2], Vec<Range<usize>>)>> =
-        sides.iter().map(|_| Vec::new()).collect();
+    let mut pairs: Vec<Vec<Drawn>> = sides.iter().map(|_| Vec::new()).collect();
     for _ in 0..20 * DRAWN {
         let mut draw = || with_normal[random.below(with_normal.len())];
         let ((a, own_a), (b, own_b)) = (draw(), draw());
