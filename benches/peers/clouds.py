@@ -130,12 +130,12 @@ class Table:
         self.rows.setdefault((task, who), []).append((seconds, error))
 
     def print(self):
-        print(f"{'task':<28}{'who':<24}{'ms':>9}{'error':>12}{'time/ours':>11}{'error/ours':>12}")
+        print(f"{'task':<42}{'who':<24}{'ms':>9}{'error':>12}{'time/ours':>11}{'error/ours':>12}")
         typical = {key: np.median([r[0] for r in rows]) for key, rows in self.rows.items()}
         worth = {key: np.sqrt(np.mean([r[1] ** 2 for r in rows])) for key, rows in self.rows.items()}
         for task, who in self.rows:
             t, e = typical[task, who], worth[task, who]
-            print(f"{task:<28}{who:<24}{1e3 * t:>9.1f}{e:>12.5f}{t / typical[task, 'uwscan']:>11.2f}{e / worth[task, 'uwscan']:>12.2f}")
+            print(f"{task:<42}{who:<24}{1e3 * t:>9.1f}{e:>12.5f}{t / typical[task, 'uwscan']:>11.2f}{e / worth[task, 'uwscan']:>12.2f}")
 
 
 def ours(binary, points, *operations):
