@@ -15,6 +15,8 @@ const TEXT_PX: u32 = 26;
 const LEFT_PX: u32 = 130;
 const BOTTOM_PX: u32 = 84;
 const MARGIN_PX: u32 = 18;
+/// Half of the last tick's label stands beyond the axis.
+const RIGHT_PX: u32 = 48;
 const MARK_PX: i32 = 9;
 const LINE_PX: u32 = 3;
 /// An arrow's head, of its length, and its half width.
@@ -116,7 +118,7 @@ fn escaped(text: &str) -> String {
 fn ranges(plot: &Plot) -> [[f64; 2]; 2] {
     let [mut x, mut y] = [plot.x.range, plot.y.range];
     if plot.equal {
-        let wide = f64::from(SIZE.0 - LEFT_PX - 2 * MARGIN_PX);
+        let wide = f64::from(SIZE.0 - LEFT_PX - MARGIN_PX - RIGHT_PX);
         let high = f64::from(SIZE.1 - BOTTOM_PX - 2 * MARGIN_PX);
         let [per_x, per_y] = [(x[1] - x[0]).abs() / wide, (y[1] - y[0]).abs() / high];
         let widen = |[from, to]: [f64; 2], by: f64| {
@@ -148,6 +150,7 @@ fn chart(plot: &Plot, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Result<(), B
     let [x, y] = ranges(plot);
     let mut chart = ChartBuilder::on(area)
         .margin(MARGIN_PX)
+        .margin_right(RIGHT_PX)
         .x_label_area_size(BOTTOM_PX)
         .y_label_area_size(LEFT_PX)
         .build_cartesian_2d(x[0]..x[1], y[0]..y[1])?;
@@ -304,7 +307,7 @@ mod tests {
         let mut square = plot(Vec::new());
         square.equal = true;
         let [x, y] = ranges(&square);
-        let wide = f64::from(SIZE.0 - LEFT_PX - 2 * MARGIN_PX) / (x[1] - x[0]);
+        let wide = f64::from(SIZE.0 - LEFT_PX - MARGIN_PX - RIGHT_PX) / (x[1] - x[0]);
         let high = f64::from(SIZE.1 - BOTTOM_PX - 2 * MARGIN_PX) / (y[1] - y[0]);
         assert!((wide / high - 1.0).abs() < 1e-12);
         assert_eq!(x, square.x.range, "the longer one stays");

@@ -274,8 +274,8 @@ fn summary(report: &CalibrationReport) -> Section {
                 "measurements left out (edges, outliers)",
                 whole(report.stripe_points[1], "/stripe_points/1"),
             ),
-            row("corners scatter more than predicted by", cell(report.scales[0], 3, "/scales/0")),
-            row("stripes scatter more than predicted by", cell(report.scales[1], 3, "/scales/1")),
+            row("corners: scatter over predicted sigma", cell(report.scales[0], 3, "/scales/0")),
+            row("stripes: scatter over predicted sigma", cell(report.scales[1], 3, "/scales/1")),
         ],
         note: String::new(),
     });

@@ -42,8 +42,9 @@ pub(crate) fn stripes(images: &[ImageRecord]) -> Option<Plot> {
                 counts[class(reason)] += count;
             }
         }
-        let from = (bar * together) as f64 - 0.45 * together as f64;
-        let to = from + 0.9 * group.len() as f64;
+        let wide = group.len() as f64;
+        let from = (bar * together) as f64 - 0.5 + 0.05 * wide;
+        let to = from + 0.9 * wide;
         let mut top = 0.0;
         for (layer, count) in layers.iter_mut().zip(&counts) {
             if *count > 0 {
@@ -194,12 +195,14 @@ fn balls(record: &Record) -> Vec<Seen<'_>> {
 /// Errors of the radii by distance (the paper's Figure 8), and the farthest points outside and inside (Figure 9); nothing for fewer than
 /// two balls.
 pub(crate) fn along_the_distance(record: &Record) -> Vec<Plot> {
-    let seen = balls(record);
+    let mut seen = balls(record);
+    // Where nominal values were given, a sphere without one is none of the artefact's balls.
+    let judged = seen.iter().any(|s| s.error.is_some());
+    seen.retain(|s| !judged || s.error.is_some());
     if seen.len() < 2 {
         return Vec::new();
     }
     let x = || Axis::around("z of the centre, mm", seen.iter().map(|s| s.distance_mm));
-    let judged = seen.iter().any(|s| s.error.is_some());
     let value = |s: &Seen<'_>| if judged { s.error.unwrap_or(f64::NAN) } else { s.radius_mm };
     let mut names: Vec<&str> = seen.iter().map(|s| s.label).collect();
     names.sort_unstable();
