@@ -184,6 +184,12 @@ pub enum Error {
         /// The page.
         path: PathBuf,
     },
+    /// A file beside a page would replace what the page is made from.
+    #[error("{}: is an input, and figures beside the report would go into a file of this name: give the report another name", path.display())]
+    OwnInput {
+        /// The input.
+        path: PathBuf,
+    },
     /// A plot can't be drawn.
     #[error(transparent)]
     Plot(uw_report::PlotError),

@@ -286,16 +286,22 @@ pub fn files(page: &Path) -> [PathBuf; 3] {
     [page.to_owned(), page.with_extension("json"), page.with_extension("csv")]
 }
 
-/// Whether a report can be written, as far as that can be told before the work.
+/// Whether a report on `inputs` can be written, as far as that can be told before the work.
 ///
 /// # Errors
-/// As [`atomic::check`]; [`Error::PageName`] for a name that its companions would take.
-pub fn check(page: &Path, overwrite: Overwrite) -> Result<(), Error> {
+/// As [`atomic::check`]; [`Error::PageName`] for a name that its companions would take, [`Error::OwnInput`] where one of them is an input.
+pub fn check(page: &Path, inputs: &[&Path], overwrite: Overwrite) -> Result<(), Error> {
     let ending = page.extension().map(std::ffi::OsStr::to_ascii_lowercase);
     if !ending.as_ref().is_some_and(|e| e == "html" || e == "htm") {
         return Err(Error::PageName { path: page.to_owned() });
     }
     for path in &files(page) {
+        // Whatever may be replaced: a cloud or table of nominal values beside the page is no earlier report.
+        if let Ok(target) = path.canonicalize()
+            && inputs.iter().any(|input| input.canonicalize().is_ok_and(|input| input == target))
+        {
+            return Err(Error::OwnInput { path: path.clone() });
+        }
         atomic::check(path, overwrite)?;
     }
     Ok(())

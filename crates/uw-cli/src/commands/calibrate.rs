@@ -79,7 +79,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let overwrite = overwrite(args.force);
     atomic::check(&args.output, overwrite)?;
     if let Some(page) = &args.report {
-        report::check(page, overwrite)?;
+        report::check(page, &[], overwrite)?;
     }
     let method = match args.method {
         MethodArg::Joint => Method::Joint,

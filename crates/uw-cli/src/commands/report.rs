@@ -1,6 +1,6 @@
 //! `uwscan report`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use uwscan::{
@@ -65,7 +65,9 @@ enum FrameArg {
 /// A file is wrong, a capture comes without a calibration, a scan can't be measured, or the outputs can't be written.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let overwrite = overwrite(args.force);
-    check(&args.output, overwrite)?;
+    let given = args.scans.iter().chain(&args.calibration).chain(&args.reference).chain(&args.nominal);
+    let inputs: Vec<&Path> = given.map(PathBuf::as_path).collect();
+    check(&args.output, &inputs, overwrite)?;
     let frame = match args.frame {
         FrameArg::Camera => Frame::Camera,
         FrameArg::Galvo => Frame::Galvo,

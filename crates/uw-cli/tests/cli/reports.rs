@@ -227,6 +227,9 @@ fn what_can_not_be_reported_is_refused_and_nothing_is_left() {
     uwscan(["report", &cloud, "--reference", "none.stl", "-o", &page]).fails(&["none.stl"]);
     fs::write(&bad, "kind,a,b,value_mm\nradius,A,,-1\n").unwrap();
     uwscan(["report", &cloud, "--nominal", &bad, "-o", &page]).fails(&["bad.csv", "-1 mm"]);
+    let beside = text(out.path().join("bad.html"));
+    let own = ["report", &cloud, "--nominal", &bad, "-o", &beside, "--force"];
+    uwscan(own).fails(&["bad.csv", "is an input", "another name"]);
     uwscan(["report", "-o", &page]).is_misused(&["<SCAN>"]);
     assert_eq!(names(out.path()), ["bad.csv"]);
 }
