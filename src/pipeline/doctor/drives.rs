@@ -3,6 +3,7 @@
 use super::{Findings, LaserUse, ms};
 use crate::Error;
 use crate::pipeline::instrument::{Drives, guard};
+use std::sync::{MutexGuard, PoisonError};
 use std::time::Duration;
 use uw_hw::galvo::proto::{Command, Dialect, Reply};
 use uw_hw::galvo::serial::{Link, SharedLink};
@@ -61,6 +62,12 @@ pub(super) fn examine(
 ) -> Option<Interlock> {
     let Drives { galvo, mut laser, links } = drives;
     let policy = vehicle.policy();
+    // An error that an earlier program left would be taken for the answer to the first command.
+    let mut readable = Vec::new();
+    for (table, link) in &links {
+        findings.about(table);
+        readable.push(errors(&mut locked(link), policy.within, findings));
+    }
     // Before anything moves.
     findings.about("laser");
     let off = laser.off(policy.within);
@@ -68,9 +75,9 @@ pub(super) fn examine(
         findings.device(fault, "cut the laser's power: it may be on. Then check laser_off of the dialect");
     }
     let mut answers = true;
-    for (table, link) in &links {
+    for ((table, link), readable) in links.iter().zip(readable) {
         findings.about(table);
-        answers &= controller(link, *table == "galvo", policy.within, findings);
+        answers &= readable && controller(link, *table == "galvo", policy.within, findings);
     }
     findings.about("galvo");
     let mut galvo = guard(vehicle, galvo, timeline).map_err(|fault| findings.device(&fault, "")).ok()?;
@@ -91,12 +98,12 @@ pub(super) fn examine(
 
 /// What a controller answers to what changes nothing; whether it does.
 fn controller(link: &SharedLink, reads_volts: bool, within: Duration, findings: &mut Findings<'_>) -> bool {
-    let mut link = link.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let mut link = locked(link);
     let id = link.identity();
     let name = [id.vendor, id.model, id.serial, id.firmware];
     let name = name.iter().filter(|part| !part.is_empty()).cloned().collect::<Vec<_>>().join(", ");
     findings.good(format!("{}: {}", id.place, if name.is_empty() { "open" } else { &name }));
-    let mut right = errors(&mut link, within, findings);
+    let mut right = true;
     let asked = [(Command::Complete, true), (Command::ReadVolts, reads_volts), (Command::LaserState, true)];
     for (command, wanted) in asked {
         if wanted
@@ -109,6 +116,10 @@ fn controller(link: &SharedLink, reads_volts: bool, within: Duration, findings: 
     }
     // What the questions made it complain of.
     right && errors(&mut link, within, findings)
+}
+
+fn locked(link: &SharedLink) -> MutexGuard<'_, Link> {
+    link.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Empties a controller's queue of errors, and tells of them; whether the queue can be read.
