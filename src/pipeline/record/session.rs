@@ -118,11 +118,15 @@ pub struct Room<'a> {
 impl Room<'_> {
     /// What is free, where that is less than it has to be. A system that doesn't say has room.
     pub fn shortage(&self) -> Option<u64> {
+        self.free().filter(|free| *free < self.min_free_bytes)
+    }
+
+    /// What is free, where it matters and the system says so.
+    fn free(&self) -> Option<u64> {
         if self.min_free_bytes == 0 {
             return None;
         }
-        let free = uw_io::disk::free_bytes(self.path).ok().flatten()?;
-        (free < self.min_free_bytes).then_some(free)
+        uw_io::disk::free_bytes(self.path).ok().flatten()
     }
 }
 
@@ -208,7 +212,7 @@ impl Feed<'_> {
                     self.tally.skipped();
                 }
                 // Only now: this frame is in.
-                self.short.check()
+                self.short.check(self.record.len())
             }
             Ok(false) => self.missing(missing),
             Err(Refused::Stalled) => {
@@ -357,7 +361,8 @@ pub fn run<S: Sink + Send, T>(
     let (record, to_record) = bounded::<Entry>(waiting);
     let failed = AtomicBool::new(false);
     let error = Mutex::new(None);
-    let short = Short { needed_bytes: room.min_free_bytes, free_bytes: AtomicU64::new(u64::MAX) };
+    let free_bytes = AtomicU64::new(room.free().unwrap_or(u64::MAX));
+    let short = Short { needed_bytes: room.min_free_bytes, frame_bytes, free_bytes };
     std::thread::scope(|scope| {
         let recording = scope.spawn({
             let (failed, error, short) = (&failed, &error, &short);
@@ -429,12 +434,15 @@ struct Told<'s> {
 /// Told by the recorder, which looks, to acquisition, which ends.
 struct Short {
     needed_bytes: u64,
+    frame_bytes: usize,
     free_bytes: AtomicU64,
 }
 
 impl Short {
-    fn check(&self) -> Result<(), Refused> {
-        match self.free_bytes.load(Ordering::Relaxed) {
+    /// `waiting` frames are still to be written: their room is taken.
+    fn check(&self, waiting: usize) -> Result<(), Refused> {
+        let taken = (waiting * self.frame_bytes) as u64;
+        match self.free_bytes.load(Ordering::Relaxed).saturating_sub(taken) {
             free_bytes if free_bytes < self.needed_bytes => {
                 Err(Refused::NoRoom { free_bytes, needed_bytes: self.needed_bytes })
             }
@@ -459,7 +467,7 @@ fn write<S: Sink>(
     loop {
         if since_bytes >= LOOK_BYTES || looked.elapsed() >= LOOK {
             (looked, since_bytes) = (Instant::now(), 0);
-            if let Some(free) = room.shortage() {
+            if let Some(free) = room.free() {
                 short.free_bytes.store(free, Ordering::Relaxed);
             }
         }

@@ -229,7 +229,9 @@ fn a_full_disk_ends_the_scan_and_what_is_on_it_can_be_read() {
     let timeline = Timeline::system();
     let mock = Mock::new(timeline.clone());
     let path = disk.path().join("scan.mcap");
-    let scanned = record(mock_instrument(&mock, &timeline), &Plan { repeat: 3, ..plan() }, &path, false);
+    // More than may wait to be written, so that the scan is not over before it is noticed.
+    let repeat = 9;
+    let scanned = record(mock_instrument(&mock, &timeline), &Plan { repeat, ..plan() }, &path, false);
     assert!(!mock.laser_is_on());
     let error = scanned.recording_error.as_ref().expect("the disk holds a tenth of it").to_string();
     assert!(error.contains("free some space"), "{error}");
@@ -237,5 +239,5 @@ fn a_full_disk_ends_the_scan_and_what_is_on_it_can_be_read() {
     let held = held(&path).len();
     let counts = &scanned.counts;
     assert!(held > 5 && held == counts.recorded, "{held} of {}", counts.recorded);
-    assert_eq!(counts.recorded + counts.lost_frames(), 3 * BALL.volts.len(), "{counts:?}");
+    assert_eq!(counts.recorded + counts.lost_frames(), repeat as usize * BALL.volts.len(), "{counts:?}");
 }
