@@ -72,7 +72,10 @@ pub fn merge(clouds: &[PointCloud], options: &MergeOptions) -> Result<Merged, Me
     }
     let mut meshes: Vec<TriangleMesh> = Vec::with_capacity(clouds.len());
     for (index, cloud) in clouds.iter().enumerate() {
-        let surface = triangulate(cloud, &SurfaceOptions::default());
+        // Faces between rough points would hold the other sweeps' points where they are: where their own slopes tell little, by far more
+        // than the noise that the covariances know of.
+        let smooth = cloud.covariances_mm2().is_some();
+        let surface = triangulate(cloud, &SurfaceOptions { smooth, ..SurfaceOptions::default() });
         meshes.push(surface.map_err(|cause| MergeError::NoSurface { index, cause })?.mesh);
     }
     let mut trees: Vec<NearestOnMesh<'_>> = Vec::with_capacity(meshes.len());
