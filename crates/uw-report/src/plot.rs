@@ -145,6 +145,7 @@ mod tests {
     use super::*;
 
     #[test]
+    #[expect(clippy::float_cmp, reason = "sums of a few halves are exact")]
     fn an_axis_holds_its_values_with_a_margin() {
         assert_eq!(Axis::around("x", [0.0, 10.0, f64::NAN]).range, [-0.5, 10.5]);
         assert_eq!(Axis::around("x", [100.0]).range, [95.0, 105.0]);

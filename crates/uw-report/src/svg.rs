@@ -303,6 +303,7 @@ mod tests {
     }
 
     #[test]
+    #[expect(clippy::float_cmp, reason = "what is not touched is the same")]
     fn a_unit_is_as_long_either_way_where_that_is_asked() {
         let mut square = plot(Vec::new());
         square.equal = true;

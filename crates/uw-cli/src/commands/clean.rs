@@ -144,7 +144,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         cloud = cloud.selected(&kept);
     }
     if let Some(limit) = outlier_limit(args) {
-        cloud = without_outliers(cloud, limit, &mut record)?;
+        cloud = without_outliers(&cloud, limit, &mut record)?;
         if record.off_sheet.is_none() {
             warnings.push(
                 "the cloud has no frame, pixel and sigma: points were judged by their distances alone"
@@ -187,9 +187,9 @@ fn outlier_limit(args: &Args) -> Option<f64> {
     args.outliers.or((!other).then_some(USUAL))
 }
 
-fn without_outliers(cloud: PointCloud, limit: f64, record: &mut Record) -> anyhow::Result<PointCloud> {
-    let lonely = sparse_outliers(&cloud, limit)?;
-    let off = sheet_outliers(&cloud, limit);
+fn without_outliers(cloud: &PointCloud, limit: f64, record: &mut Record) -> anyhow::Result<PointCloud> {
+    let lonely = sparse_outliers(cloud, limit)?;
+    let off = sheet_outliers(cloud, limit);
     record.lonely = lonely.iter().filter(|out| **out).count();
     let only_off =
         |off: &Vec<bool>| off.iter().zip(&lonely).filter(|(off, lonely)| **off && !**lonely).count();

@@ -172,7 +172,7 @@ struct Reference {
 /// What is measured, as it came.
 enum Input {
     Cloud(PointCloud),
-    Mesh(Box<TriangleMesh>),
+    Mesh(TriangleMesh),
 }
 
 /// Compares, writes the map and prints the statistics.
@@ -236,7 +236,7 @@ fn read(args: &Args, problems: &mut Vec<Problem>) -> anyhow::Result<Input> {
     if meshes::is_mesh(&args.input)? {
         let (mesh, found) = meshes::read(&args.input)?;
         problems.extend(found);
-        return Ok(Input::Mesh(Box::new(mesh)));
+        return Ok(Input::Mesh(mesh));
     }
     let (cloud, found) = clouds::read(&args.input)?;
     problems.extend(found);

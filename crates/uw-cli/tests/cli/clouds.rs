@@ -33,7 +33,7 @@ fn reference(path: &Path, unit_mm: f64) -> String {
 
 /// Points of the relief over a range of x, turned by 0.05 rad about z and shifted along x and z as told.
 fn cloud(path: &Path, x: std::ops::Range<i32>, shift: [f64; 2]) -> String {
-    let (sin, cos) = if shift == [0.0; 2] { (0.0, 1.0) } else { 0.05_f64.sin_cos() };
+    let (sin, cos) = if shift.iter().all(|s| *s == 0.0) { (0.0, 1.0) } else { 0.05_f64.sin_cos() };
     let mut text = String::from("# x y z sigma\n");
     for i in x {
         for j in -45..45 {

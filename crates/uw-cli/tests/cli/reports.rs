@@ -1,10 +1,6 @@
 //! `report`, and the page of `calibrate --report`.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    sync::LazyLock,
-};
+use std::{fs, path::Path, sync::LazyLock};
 
 use assert_cmd::cargo::cargo_bin_cmd;
 use scraper::{Html, Selector};
@@ -174,7 +170,7 @@ fn the_same_input_gives_the_same_report_on_one_thread_and_existing_ones_stay() {
 fn a_cloud_alone_is_reported_and_what_is_not_known_is_not_told() {
     let (dir, _) = &*REPORTED;
     let out = TempDir::new().unwrap();
-    let [cloud, page] = [dir.path().join("cloud.ply"), out.path().join("p.html")].map(text);
+    let [cloud, page] = [dir.path().join("cloud.ply"), out.path().join("p.html")].map(|path| text(&path));
     let run = uwscan(["report", &cloud, "-o", &page, "--title", "A <ball>"]);
     assert!(run.text().contains("1 scan, "), "{}", run.stdout);
     assert_eq!(names(out.path()), ["p.csv", "p.html", "p.json"]);
@@ -188,7 +184,7 @@ fn a_cloud_alone_is_reported_and_what_is_not_known_is_not_told() {
     assert!(!html.contains("Stripes found"));
 }
 
-fn text(path: PathBuf) -> String {
+fn text(path: &Path) -> String {
     path.to_str().unwrap().to_owned()
 }
 
@@ -197,7 +193,8 @@ fn a_reference_is_what_scans_are_held_against() {
     let (dir, _) = &*REPORTED;
     let out = TempDir::new().unwrap();
     let [cloud, mesh, page] =
-        [dir.path().join("cloud.ply"), out.path().join("m.ply"), out.path().join("p.html")].map(text);
+        [dir.path().join("cloud.ply"), out.path().join("m.ply"), out.path().join("p.html")]
+            .map(|path| text(&path));
     uwscan(["mesh", &cloud, "-o", &mesh]).text();
     let run = uwscan(["report", &cloud, "--reference", &mesh, "-o", &page, "--json"]);
     let json = run.json(0);
@@ -214,20 +211,21 @@ fn what_can_not_be_reported_is_refused_and_nothing_is_left() {
     let (dir, _) = &*REPORTED;
     let out = TempDir::new().unwrap();
     let [cloud, page, bad] =
-        [dir.path().join("cloud.ply"), out.path().join("p.html"), out.path().join("bad.csv")].map(text);
-    let capture = text(fixture("ball"));
-    let boards = text(fixture("cal-water"));
+        [dir.path().join("cloud.ply"), out.path().join("p.html"), out.path().join("bad.csv")]
+            .map(|path| text(&path));
+    let capture = text(&fixture("ball"));
+    let boards = text(&fixture("cal-water"));
     let calibration = calibration();
     uwscan(["report", &capture, "-o", &page]).fails(&["ball", "-c calibration.toml"]);
     uwscan(["report", &boards, "-c", &calibration, "-o", &page]).fails(&["cal-water", "scan is needed"]);
     uwscan(["report", "nowhere", "-o", &page]).fails(&["nowhere"]);
     uwscan(["report", "nowhere.ply", "-o", &page]).fails(&["nowhere.ply"]);
-    let elsewhere = text(out.path().join("p.json"));
+    let elsewhere = text(&out.path().join("p.json"));
     uwscan(["report", &cloud, "-o", &elsewhere]).fails(&["p.json", ".html"]);
     uwscan(["report", &cloud, "--reference", "none.stl", "-o", &page]).fails(&["none.stl"]);
     fs::write(&bad, "kind,a,b,value_mm\nradius,A,,-1\n").unwrap();
     uwscan(["report", &cloud, "--nominal", &bad, "-o", &page]).fails(&["bad.csv", "-1 mm"]);
-    let beside = text(out.path().join("bad.html"));
+    let beside = text(&out.path().join("bad.html"));
     let own = ["report", &cloud, "--nominal", &bad, "-o", &beside, "--force"];
     uwscan(own).fails(&["bad.csv", "is an input", "another name"]);
     uwscan(["report", "-o", &page]).is_misused(&["<SCAN>"]);

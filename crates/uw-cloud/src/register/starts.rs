@@ -68,7 +68,7 @@ pub(super) fn starts(samples: &Samples, target: &Target<'_, '_>, most: usize) ->
                 Oriented { place: b.place, normal: own_b * *side_b },
             ];
             let found = alike.of(&pair);
-            let count = found.iter().map(|part| part.len()).sum::<usize>();
+            let count = found.iter().map(ExactSizeIterator::len).sum::<usize>();
             if count > 0 {
                 pairs.push((count, pair, found));
             }

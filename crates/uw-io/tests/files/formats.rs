@@ -75,7 +75,7 @@ fn clouds_come_back_from_every_format_as_they_were() {
         is_same(
             &PointCloud::new(Frame::Camera, back.positions_mm().to_vec()),
             &bare,
-            tolerance.min(5.1e-4).max(1e-9),
+            tolerance.clamp(1e-9, 5.1e-4),
         );
     }
 }
