@@ -213,12 +213,12 @@ fn a_disk_that_is_left_less_room_than_it_is_to_have_ends_the_scan_in_order() {
     // Whatever was acquired is in the recording, which is finished; the rest was not reached.
     assert!(scanned.recorded.is_some() && scanned.recording_error.is_none(), "{:?}", scanned.recording_error);
     let held = held(&path).len();
-    assert!(held > 30 && held == scanned.counts.acquired, "{held} of {:?}", scanned.counts);
+    assert!(held > 10 && held == scanned.counts.acquired, "{held} of {:?}", scanned.counts);
     assert_eq!(scanned.counts.lost, BTreeMap::from([("not_reached", 6 * BALL.volts.len() - held)]));
-    // A scan is not begun where there is less from the start.
+    // A scan is not begun where there is less from the start: what the first one left.
     let again = disk.path().join("again.mcap");
     let failure =
-        record_leaving(mock_instrument(&mock, &timeline), &plan, &again, min_free_bytes).unwrap_err();
+        record_leaving(mock_instrument(&mock, &timeline), &plan, &again, 2 * min_free_bytes).unwrap_err();
     assert!(failure.to_string().contains("disk.min_free_mb"), "{failure}");
     assert!(!again.exists() && !mock.laser_is_on());
 }
