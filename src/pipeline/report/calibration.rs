@@ -27,7 +27,7 @@ const CLASSES: usize = 41;
 /// What the page of a calibration tells, as its JSON file has it.
 #[derive(Debug, Clone, Serialize)]
 pub struct CalibrationReport {
-    /// [`FORMAT`].
+    /// `"uwscan-calibration-report"`.
     pub format: &'static str,
     /// Its version: keys may be added, never renamed.
     pub version: u32,
