@@ -1,5 +1,5 @@
 //! Prints each method's speed on the frames of `benches/peers`, as that script takes it:
-//! `cargo run --release -p uw-stripe --example speed > ours.csv`, then `peers.py --ours ours.csv`.
+//! `cargo run --release -p uw-stripe --example speed > ours.csv`, then `peers.py --ours ours.csv`. Names of methods as arguments: only those.
 
 #![allow(clippy::print_stdout, reason = "printing is what this example is for")]
 
@@ -17,11 +17,13 @@ const BUDGET: Duration = Duration::from_secs(1);
 const LEAST_RUNS: usize = 20;
 
 fn main() -> Result<(), Box<dyn Error>> {
+    let only: Vec<String> = std::env::args().skip(1).collect();
     println!("kernel,pixel,frame,mpx_per_s");
     for size in SIZES {
         let words = frame(size, (4095.0, 2.5, 2.4))?;
         let bytes: Vec<u8> = frame(size, (255.0, 40.0, 1.0))?.iter().map(|v| *v as u8).collect();
-        for method in Method::ALL {
+        let wanted = |method: &Method| only.is_empty() || only.iter().any(|name| name == method.name());
+        for method in Method::ALL.into_iter().filter(wanted) {
             for (pixel, seconds) in
                 [("u8", best(method, &bytes, size)?), ("u16", best(method, &words, size)?)]
             {

@@ -1,5 +1,7 @@
 //! Candidates: where on a line something stands out of its surroundings like a stripe.
 
+use fearless_simd::{Level, Simd, dispatch};
+
 use crate::NoiseModel;
 use crate::lines::Line;
 
@@ -152,6 +154,7 @@ impl Search {
         }
     }
 
+    /// Takes boxes of one length into the best ones.
     fn scan(&mut self, line: Line<'_>, noise: &NoiseModel, half: usize, least_snr: f32) {
         let n = line.value.len();
         let scale = 2 * half + 1;
@@ -167,16 +170,15 @@ impl Search {
             let near = block.saturating_sub(reach)..(block + reach + 1).min(blocks);
             highest[near].iter().any(|&v| f64::from(v) >= promising)
         };
+        let test = Test { half, margin, per_pixel, least };
+        let level = Level::new();
         for centre in (0..blocks)
             .filter(|&block| active(block, &self.highest))
+            .filter(|&block| dispatch!(level, simd => test.block(simd, &self.sums, block * BLOCK)))
             .flat_map(|block| block * BLOCK..((block + 1) * BLOCK).min(n))
         {
-            if centre >= margin && centre + margin < n {
-                let inner = self.sums[centre + half + 1] - self.sums[centre - half];
-                let all = self.sums[centre + margin + 1] - self.sums[centre - margin];
-                if (inner - 0.5 * (all - inner)) * per_pixel < least {
-                    continue;
-                }
+            if test.fails(&self.sums, centre) {
+                continue;
             }
             // At the border the boxes are cut; a side without pixels counts as the other.
             let (from, to) = (centre.saturating_sub(half), (centre + half + 1).min(n));
@@ -206,6 +208,55 @@ impl Search {
                 self.best[centre] = Candidate { centre, scale, snr, flux, background: around as f32 };
             }
         }
+    }
+}
+
+/// Whether a box stands out of its surroundings by what the dark's noise asks for: by multiplication only, since most of an image fails.
+#[derive(Debug, Clone, Copy)]
+struct Test {
+    half: usize,
+    /// Pixels of the box's surroundings on either side of its centre.
+    margin: usize,
+    per_pixel: f64,
+    least: f64,
+}
+
+impl Test {
+    /// True where the box at `centre` can't be a candidate; never at the border, where boxes are cut.
+    fn fails(&self, sums: &[f64], centre: usize) -> bool {
+        let within = centre >= self.margin && centre + self.margin + 1 < sums.len();
+        within && self.contrast(sums, centre) < self.least
+    }
+
+    /// False where no box of the block that starts at `from` can be a candidate.
+    #[inline(always)]
+    fn block<S: Simd>(&self, _: S, sums: &[f64], from: usize) -> bool {
+        let Self { half, margin, .. } = *self;
+        if from < margin || from + BLOCK + margin >= sums.len() {
+            return true;
+        }
+        let at = |offset: usize| &sums[offset..][..BLOCK];
+        let (high, low) = (at(from + half + 1), at(from - half));
+        let (after, before) = (at(from + margin + 1), at(from - margin));
+        let mut any = 0u64;
+        for i in 0..BLOCK {
+            any += u64::from(!(self.of(high[i] - low[i], after[i] - before[i]) < self.least));
+        }
+        any > 0
+    }
+
+    fn contrast(&self, sums: &[f64], centre: usize) -> f64 {
+        let Self { half, margin, .. } = *self;
+        self.of(
+            sums[centre + half + 1] - sums[centre - half],
+            sums[centre + margin + 1] - sums[centre - margin],
+        )
+    }
+
+    /// Mean of the box minus that of its surroundings.
+    #[inline(always)]
+    fn of(&self, inner: f64, all: f64) -> f64 {
+        (inner - 0.5 * (all - inner)) * self.per_pixel
     }
 }
 

@@ -1,6 +1,6 @@
 //! Candidates of columns: for a vector of columns at a time, the block that stands highest out of those above and below, and the row in it.
 
-use fearless_simd::{Select, Simd, SimdBase, SimdInt, SimdMask};
+use fearless_simd::{Level, Select, Simd, SimdBase, SimdInt, SimdMask, dispatch};
 
 use super::front::{Blocks, Front, NOWHERE, Wanted, least_second, least_second_in_the_dark};
 use super::lanes::{MOST_LANES, splat, vector};
@@ -9,8 +9,7 @@ use crate::{Pixel, Roi, View};
 
 impl<P: Pixel> Front<P> {
     /// Finds the candidates of all columns.
-    #[inline(always)]
-    pub fn columns<S: Simd>(&mut self, simd: S, image: &View<'_, P>, roi: Roi, wanted: Wanted) {
+    pub fn columns(&mut self, level: Level, image: &View<'_, P>, roi: Roi, wanted: Wanted) {
         let blocks = Blocks::new(roi);
         if roi.width < P::N {
             self.map.resize(blocks.count * roi.width);
@@ -26,10 +25,11 @@ impl<P: Pixel> Front<P> {
         let layout = Layout { apart: blocks.count * P::N, last: (strips - 1) * blocks.count * P::N };
         self.map.resize(strips * layout.apart);
         for block in 0..blocks.count {
-            maxima(simd, image, roi, blocks.range(block), (&mut self.map[block * P::N..], layout));
+            let to = (&mut self.map[block * P::N..], layout);
+            maxima(level, image, roi, blocks.range(block), to);
         }
         for strip in 0..strips {
-            self.strip(simd, image, blocks, wanted, strip);
+            dispatch!(level, simd => self.strip(simd, image, blocks, wanted, strip));
         }
     }
 

@@ -1,7 +1,5 @@
 //! Region of interest from image to image: only the pixels around the last positions are read.
 
-use fearless_simd::{Simd, dispatch};
-
 use super::lanes::{CHUNK, MOST_LANES};
 use super::{Buffers, Engine, Job, Kind};
 use crate::profile::{Flags, Stripe};
@@ -62,16 +60,13 @@ impl Engine {
                 self.gate.groups[group] = extent(&job, group, stripe);
             }
         } else {
-            let level = self.level;
-            dispatch!(level, simd => self.gated(simd, job, tracking, buffers, stripe));
+            self.gated(job, tracking, buffers, stripe);
         }
     }
 
     /// Looks at the groups' parts one after the other, and at whole lines where they hold too little of the stripe.
-    #[inline(always)]
-    fn gated<S: Simd, P: Pixel>(
+    fn gated<P: Pixel>(
         &mut self,
-        simd: S,
         job: Job<'_, P>,
         tracking: Tracking,
         buffers: &mut Buffers<P>,
@@ -85,7 +80,7 @@ impl Engine {
                 if part.kind == Kind::Robust {
                     self.region(part, buffers, stripe);
                 } else {
-                    self.first::<S, P, false>(simd, part, around.is_some(), buffers, stripe);
+                    self.first::<P, false>(part, around.is_some(), buffers, stripe);
                 }
                 now = extent(&job, group, stripe);
                 if again {

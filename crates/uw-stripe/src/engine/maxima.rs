@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use fearless_simd::{Simd, SimdBase};
+use fearless_simd::{Level, Simd, SimdBase, dispatch};
 
 use super::lanes::{splat, vector};
 use crate::{Pixel, Roi, View};
@@ -22,8 +22,19 @@ pub(super) struct Layout {
 }
 
 /// Largest grey value of each column in some rows of a region at least a vector wide.
+#[inline(never)]
+pub(super) fn maxima<P: Pixel>(
+    level: Level,
+    image: &View<'_, P>,
+    roi: Roi,
+    rows: Range<usize>,
+    to: (&mut [P], Layout),
+) {
+    dispatch!(level, simd => maxima_here(simd, image, roi, rows, to));
+}
+
 #[inline(always)]
-pub(super) fn maxima<S: Simd, P: Pixel>(
+fn maxima_here<S: Simd, P: Pixel>(
     simd: S,
     image: &View<'_, P>,
     roi: Roi,

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use fearless_simd::Simd;
+use fearless_simd::{Simd, dispatch};
 
 use super::front::NOWHERE;
 use super::window::{GROUP, Group};
@@ -29,26 +29,21 @@ pub(super) fn group_from<P: Pixel>(job: Job<'_, P>, from: usize) -> Range<usize>
 }
 
 impl Engine {
-    /// Estimates and verdicts at the candidates of a rank; with `EXTRA` also what the model of the filters lacks.
-    #[inline(always)]
-    pub(super) fn measure<S: Simd, P: Pixel, const EXTRA: bool>(
+    /// Estimates and verdicts at the candidates of a rank, for one group of lines; with `EXTRA` also what the model of the filters lacks.
+    #[inline(never)]
+    pub(super) fn group<P: Pixel, const EXTRA: bool>(
         &mut self,
-        simd: S,
         job: Job<'_, P>,
         buffers: &mut Buffers<P>,
-        rank: usize,
+        lines: (usize, Range<usize>),
         stripe: &mut Stripe,
     ) {
-        let lines = job.lines();
-        for from in (0..lines).step_by(GROUP) {
-            let lines = group_from(job, from);
-            self.group::<S, P, EXTRA>(simd, job, buffers, (rank, lines), stripe);
-        }
+        let level = self.level;
+        dispatch!(level, simd => self.group_here::<_, P, EXTRA>(simd, job, buffers, lines, stripe));
     }
 
-    /// The same for one group of lines.
     #[inline(always)]
-    pub(super) fn group<S: Simd, P: Pixel, const EXTRA: bool>(
+    fn group_here<S: Simd, P: Pixel, const EXTRA: bool>(
         &mut self,
         simd: S,
         job: Job<'_, P>,
@@ -74,16 +69,13 @@ impl Engine {
                 break;
             }
         }
-        match job.kind {
-            Kind::Cog => {
-                let values = windows.values(simd, self.bank.half);
+        if !EXTRA && matches!(job.kind, Kind::Cog | Kind::BlaisRioux) {
+            let values = windows.values(simd, self.bank.half);
+            if job.kind == Kind::Cog {
                 classic::centre_of_gravity(&self.bank, values, &mut self.estimates);
-            }
-            Kind::BlaisRioux => {
-                let values = windows.values(simd, self.bank.half);
+            } else {
                 classic::blais_rioux(&self.bank, values, &mut self.estimates);
             }
-            Kind::Fast | Kind::Robust => {}
         }
         self.write::<P, EXTRA>(job, first, at, stripe);
     }

@@ -31,7 +31,7 @@ mod rows;
 mod tests;
 mod window;
 
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::{Level, dispatch};
 
 use crate::profile::Stripe;
 use crate::{Axis, NoiseModel, Pixel, Roi, View};
@@ -170,23 +170,22 @@ impl Engine {
     /// One region, by the kind of estimate asked for.
     #[inline(never)]
     fn region<P: Pixel>(&mut self, job: Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
-        let level = self.level;
         if job.kind == Kind::Robust {
-            dispatch!(level, simd => self.first::<_, P, true>(simd, job, false, buffers, stripe));
+            self.first::<P, true>(job, false, buffers, stripe);
             self.robust(job, buffers, stripe);
         } else {
-            dispatch!(level, simd => self.first::<_, P, false>(simd, job, false, buffers, stripe));
+            self.first::<P, false>(job, false, buffers, stripe);
         }
     }
 
     /// Candidates and estimates at the strongest: of rows group by group, while their pixels are at hand. `near`: there is nothing in the region
     /// but what lies around the stripe.
     ///
-    /// All of the kernels is inlined here: what is called from one place only is compiled once.
-    #[inline(always)]
-    fn first<S: Simd, P: Pixel, const EXTRA: bool>(
+    /// Each step takes the processor's instructions for itself, for a group of lines at a time: it is compiled once for each, not
+    /// once for each way to it, and the choice costs nothing beside a group.
+    #[inline(never)]
+    fn first<P: Pixel, const EXTRA: bool>(
         &mut self,
-        simd: S,
         job: Job<'_, P>,
         near: bool,
         buffers: &mut Buffers<P>,
@@ -194,21 +193,22 @@ impl Engine {
     ) {
         let second = EXTRA.then_some(self.model.noise);
         let wanted = Wanted { width_px: self.model.width_px, second };
-        let lines = job.lines();
+        let (level, lines) = (self.level, job.lines());
+        let near = near && Front::<P>::numbers(job.roi.width);
         buffers.front.reset(lines);
         if job.axis == Axis::PerColumn {
-            buffers.front.columns(simd, &job.image, job.roi, wanted);
+            buffers.front.columns(level, &job.image, job.roi, wanted);
         }
         for from in (0..lines).step_by(GROUP) {
             let group = group_from(job, from);
             match job.axis {
-                Axis::PerRow if near && Front::<P>::numbers(job.roi.width) => {
-                    buffers.front.rows_nearby(simd, &job.image, job.roi, group.clone());
+                Axis::PerRow if near => {
+                    buffers.front.rows_nearby(level, &job.image, job.roi, group.clone());
                 }
-                Axis::PerRow => buffers.front.rows(simd, &job.image, job.roi, wanted, group.clone()),
+                Axis::PerRow => buffers.front.rows(level, &job.image, job.roi, wanted, group.clone()),
                 Axis::PerColumn => {}
             }
-            self.group::<S, P, EXTRA>(simd, job, buffers, (0, group), stripe);
+            self.group::<P, EXTRA>(job, buffers, (0, group), stripe);
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Two candidates a line, the neighbours' say in which is taken, and likelihood where the filters' model does not hold.
 
-use fearless_simd::dispatch;
-
 use super::front::NOWHERE;
+use super::measure::group_from;
+use super::window::GROUP;
 use super::{Buffers, Engine, Job};
 use crate::Pixel;
 use crate::lines::{Clip, Line};
@@ -138,8 +138,9 @@ impl Engine {
         rank: usize,
         stripe: &mut Stripe,
     ) {
-        let level = self.level;
-        dispatch!(level, simd => self.measure::<_, P, true>(simd, job, buffers, rank, stripe));
+        for from in (0..job.lines()).step_by(GROUP) {
+            self.group::<P, true>(job, buffers, (rank, group_from(job, from)), stripe);
+        }
     }
 
     /// Takes the second candidate where it continues the neighbours' stripe and the first does not.

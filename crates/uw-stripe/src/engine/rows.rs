@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use fearless_simd::{Simd, SimdBase, SimdInt, SimdMask};
+use fearless_simd::{Level, Simd, SimdBase, SimdInt, SimdMask, dispatch};
 
 use super::front::{Front, Wanted, brightest, least_second, least_second_in_the_dark, position};
 use super::lanes::{MOST_LANES, NUMBERED, splat, vector};
@@ -18,15 +18,7 @@ const ARM: usize = 32;
 
 impl<P: Pixel> Front<P> {
     /// Finds the candidates of some rows, counted from the region's first.
-    #[inline(always)]
-    pub fn rows<S: Simd>(
-        &mut self,
-        simd: S,
-        image: &View<'_, P>,
-        roi: Roi,
-        wanted: Wanted,
-        rows: Range<usize>,
-    ) {
+    pub fn rows(&mut self, level: Level, image: &View<'_, P>, roi: Roi, wanted: Wanted, rows: Range<usize>) {
         let reach = (3.5 * wanted.width_px).ceil() as usize + STEEP;
         // Whole vectors, so that maxima lie as the image does.
         let pad = reach.max(ARM).next_multiple_of(MOST_LANES);
@@ -42,7 +34,14 @@ impl<P: Pixel> Front<P> {
         }
         for first in rows.clone().step_by(ROWS) {
             let block = first..(first + ROWS).min(rows.end);
-            self.block(simd, image, roi, (wanted, reach, pad), block);
+            let map = &mut self.map[pad..pad + roi.width];
+            if roi.width < P::N {
+                maxima_of_few(image, roi, block.clone(), map);
+            } else {
+                let layout = Layout { apart: P::N, last: roi.width - P::N };
+                maxima(level, image, roi, block.clone(), (map, layout));
+            }
+            dispatch!(level, simd => self.search(simd, image, roi, (wanted, reach, pad), block));
         }
     }
 
@@ -52,17 +51,18 @@ impl<P: Pixel> Front<P> {
     }
 
     /// The candidates of some rows of a region that holds nothing but the stripe's surroundings: each row's maximum.
-    #[inline(always)]
-    pub fn rows_nearby<S: Simd>(&mut self, simd: S, image: &View<'_, P>, roi: Roi, rows: Range<usize>) {
+    pub fn rows_nearby(&mut self, level: Level, image: &View<'_, P>, roi: Roi, rows: Range<usize>) {
         let places = self.places[0].at[rows.clone()].chunks_mut(ROWS);
         for (first, places) in rows.step_by(ROWS).zip(places) {
-            let found = tops(simd, image.starting_at(roi.x, roi.y + first), roi.width, places.len());
+            let part = image.starting_at(roi.x, roi.y + first);
+            let found = dispatch!(level, simd => tops(simd, part, roi.width, places.len()));
             places.copy_from_slice(&found[..places.len()]);
         }
     }
 
+    /// Candidates of a block of rows from its maxima.
     #[inline(always)]
-    fn block<S: Simd>(
+    fn search<S: Simd>(
         &mut self,
         simd: S,
         image: &View<'_, P>,
@@ -72,12 +72,6 @@ impl<P: Pixel> Front<P> {
     ) {
         let within = pad..pad + roi.width;
         let (map, contrast) = (&mut self.map[..], &mut self.contrast[..]);
-        if roi.width < P::N {
-            maxima_of_few(image, roi, rows.clone(), &mut map[within.clone()]);
-        } else {
-            let layout = Layout { apart: P::N, last: roi.width - P::N };
-            maxima(simd, image, roi, rows.clone(), (&mut map[within.clone()], layout));
-        }
         // A line too short for both sides is compared with its darkest pixel.
         if roi.width <= 2 * reach {
             let beyond = map[within.clone()].iter().copied().min().unwrap_or(P::ZERO);
