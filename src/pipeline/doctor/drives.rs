@@ -5,15 +5,13 @@ use crate::Error;
 use crate::pipeline::instrument::{Drives, guard};
 use std::sync::{MutexGuard, PoisonError};
 use std::time::Duration;
-use uw_hw::galvo::proto::{Command, Dialect, Reply};
+use uw_hw::galvo::proto::Command;
 use uw_hw::galvo::serial::{Link, SharedLink};
 use uw_hw::interlock::{Handle, Interlock, Report};
 use uw_hw::sweep::measure_settling;
 use uw_hw::{Fault, GuardedGalvo, Timeline};
 use uw_io::vehicle::Vehicle;
 
-/// Errors that a controller's queue may hold: one that never ends is no queue.
-const MOST_ERRORS: usize = 64;
 /// How long the mirror gets to come to rest, of its stated settling time, and at least.
 const PATIENCE: u32 = 10;
 const LEAST_PATIENCE: Duration = Duration::from_millis(100);
@@ -62,11 +60,9 @@ pub(super) fn examine(
 ) -> Option<Interlock> {
     let Drives { galvo, mut laser, links } = drives;
     let policy = vehicle.policy();
-    // An error that an earlier program left would be taken for the answer to the first command.
-    let mut readable = Vec::new();
     for (table, link) in &links {
         findings.about(table);
-        readable.push(errors(&mut locked(link), policy.within, findings));
+        complaints(locked(link).left_errors(), findings);
     }
     // Before anything moves.
     findings.about("laser");
@@ -75,9 +71,9 @@ pub(super) fn examine(
         findings.device(fault, "cut the laser's power: it may be on. Then check laser_off of the dialect");
     }
     let mut answers = true;
-    for ((table, link), readable) in links.iter().zip(readable) {
+    for (table, link) in &links {
         findings.about(table);
-        answers &= readable && controller(link, *table == "galvo", policy.within, findings);
+        answers &= controller(link, *table == "galvo", policy.within, findings);
     }
     findings.about("galvo");
     let mut galvo = guard(vehicle, galvo, timeline).map_err(|fault| findings.device(&fault, "")).ok()?;
@@ -124,29 +120,24 @@ fn locked(link: &SharedLink) -> MutexGuard<'_, Link> {
 
 /// Empties a controller's queue of errors, and tells of them; whether the queue can be read.
 fn errors(link: &mut Link, within: Duration, findings: &mut Findings<'_>) -> bool {
-    if !link.dialect().has(Command::Error) {
-        return true;
-    }
-    let mut said = Vec::new();
-    while said.len() < MOST_ERRORS {
-        match link.ask(Command::Error, within) {
-            Ok(Some(reply)) if !Dialect::is_no_error(&reply) => {
-                let Reply { code, text, .. } = reply;
-                said.push(format!("{} {}", code.unwrap_or_default(), text.unwrap_or_default()));
-            }
-            Ok(_) => break,
-            Err(fault) => {
-                findings.device(&fault, mend_of(&fault));
-                return false;
-            }
+    match link.errors(within) {
+        Ok(said) => complaints(&said, findings),
+        Err(fault) => {
+            findings.device(&fault, mend_of(&fault));
+            return false;
         }
     }
-    if !said.is_empty() {
-        let what = format!("its queue held {} errors: {}", said.len(), said[..said.len().min(3)].join("; "));
-        let mend = "they are read now: run doctor again; where they come again, the dialect sends what the controller doesn't know";
-        findings.warning(what, mend);
-    }
     true
+}
+
+/// Tells of the errors that a controller's queue held.
+fn complaints(said: &[String], findings: &mut Findings<'_>) {
+    if said.is_empty() {
+        return;
+    }
+    let what = format!("its queue held {} errors: {}", said.len(), said[..said.len().min(3)].join("; "));
+    let mend = "they are read now: run doctor again; where they come again, the dialect sends what the controller doesn't know";
+    findings.warning(what, mend);
 }
 
 /// Drives the mirror over its range, and sees how it settles.

@@ -17,12 +17,14 @@ use crate::Error;
 use crate::pipeline::record::Instrument;
 use crate::pipeline::simulate::Placement;
 pub(crate) use bench::Bench;
+use std::path::Path;
+use std::sync::PoisonError;
 pub use sweep::{Wanted, plan};
 use uw_hw::galvo::serial::{Link, Port, SerialGalvo, SerialLaser, SharedLink};
 use uw_hw::interlock::{Interlock, Report};
 use uw_hw::{Camera, Fault, Galvo, GuardedGalvo, Laser, Timeline};
 use uw_io::vehicle::{CameraDriver, GalvoDriver, LaserDriver, Vehicle};
-use uw_io::{Problem, Rig};
+use uw_io::{Place, Problem, Rig};
 
 /// A vehicle whose devices are open.
 pub struct Opened {
@@ -32,7 +34,7 @@ pub struct Opened {
     pub recorded: Option<Vec<f64>>,
     /// Which placement of the board a simulated camera sees; `None` for any other.
     pub placement: Option<Placement>,
-    /// Warnings about the files of what is simulated.
+    /// Warnings about the files of what is simulated, and about errors that controllers still held.
     pub problems: Vec<Problem>,
 }
 
@@ -58,6 +60,7 @@ pub fn open(
     let mut bench = Bench::new(vehicle, rig)?;
     let timeline = bench.timeline.clone();
     let drives = open_drives(vehicle, &bench)?;
+    let left = left_errors(&drives.links);
     let galvo = guard(vehicle, drives.galvo, &timeline)?;
     let interlock = Interlock::engage(drives.laser, galvo, vehicle.policy(), on_stop)?;
     if let Some(power) = vehicle.laser.power {
@@ -65,9 +68,26 @@ pub fn open(
     }
     // Looking for a camera takes seconds, in which nobody hangs, and the laser is off.
     let camera = interlock.handle().patiently(|| open_camera(vehicle, &mut bench, &timeline))?;
-    let Bench { recorded, placement, problems, .. } = bench;
+    let Bench { recorded, placement, mut problems, .. } = bench;
+    problems.extend(left);
     let instrument = Instrument { interlock, camera, camera_settings: vehicle.camera_settings() };
     Ok(Opened { instrument, recorded, placement, problems })
+}
+
+/// Warnings about errors that an earlier program left in the controllers' queues.
+fn left_errors(links: &[(&'static str, SharedLink)]) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    for (_, link) in links {
+        let link = link.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(first) = link.left_errors().first() {
+            problems.push(Problem::warning(
+                Place::file(Path::new(&link.identity().place)),
+                format!("the controller's queue held {} errors, such as {first}", link.left_errors().len()),
+                "they are read now; where they come again, the dialect sends what the controller doesn't know",
+            ));
+        }
+    }
+    problems
 }
 
 /// Refuses a camera that is set up for other images than the rig file's: nothing could be made of them.

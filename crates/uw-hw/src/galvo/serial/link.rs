@@ -20,6 +20,8 @@ const LOOK: Duration = Duration::from_millis(20);
 const QUIET: Duration = Duration::from_millis(30);
 /// Bytes thrown away at most when the line is cleared: a controller that never stops talking is another fault.
 const MOST_STALE: usize = 1 << 16;
+/// Errors that a controller's queue may hold: one that never ends is no queue.
+const MOST_ERRORS: usize = 64;
 
 /// A link that galvanometer and laser share where one controller drives both.
 pub type SharedLink = Arc<Mutex<Link>>;
@@ -36,6 +38,8 @@ pub struct Link {
     known_by: Option<String>,
     /// An answer may still be under way that nobody waits for.
     stale: bool,
+    /// What its queue of errors held when it was opened.
+    left_errors: Vec<String>,
 }
 
 impl std::fmt::Debug for Link {
@@ -48,7 +52,8 @@ impl std::fmt::Debug for Link {
 }
 
 impl Link {
-    /// Opens the port and asks the controller who it is. `timeline` must be on the machine's clocks: a port knows no other time.
+    /// Opens the port, asks the controller who it is, and empties its queue of errors: one that an earlier program left would be taken for the answer
+    /// to the first command ([`Self::left_errors`] has them). `timeline` must be on the machine's clocks: a port knows no other time.
     ///
     /// # Errors
     /// [`Fault::Open`]; [`Fault::Timeout`] for a controller that doesn't answer, as one does at another speed.
@@ -65,8 +70,13 @@ impl Link {
             identity,
             known_by: None,
             stale: false,
+            left_errors: Vec::new(),
         };
         link.introduce(within)?;
+        // A controller that can't say will be told of when it is asked in earnest.
+        if let Ok(errors) = link.errors(within) {
+            link.left_errors = errors;
+        }
         Ok(link)
     }
 
@@ -78,6 +88,29 @@ impl Link {
     /// Who the controller says it is.
     pub fn identity(&self) -> Identity {
         self.identity.clone()
+    }
+
+    /// The errors that the controller's queue held when it was opened: code and text.
+    pub fn left_errors(&self) -> &[String] {
+        &self.left_errors
+    }
+
+    /// Empties the controller's queue of errors: code and text of each; none where its dialect has no such question.
+    ///
+    /// # Errors
+    /// As [`Self::ask`].
+    pub fn errors(&mut self, within: Duration) -> Result<Vec<String>, Fault> {
+        let mut said = Vec::new();
+        while said.len() < MOST_ERRORS {
+            match self.ask(Command::Error, within)? {
+                Some(reply) if !Dialect::is_no_error(&reply) => {
+                    let Reply { code, text, .. } = reply;
+                    said.push(format!("{} {}", code.unwrap_or_default(), text.unwrap_or_default()));
+                }
+                _ => break,
+            }
+        }
+        Ok(said)
     }
 
     /// The controller's dialect.
