@@ -1,5 +1,7 @@
 //! Maximum likelihood of every line: image → lines → candidates → track → fits → verdicts.
 
+use fearless_simd::Level;
+
 use crate::bend::Bends;
 use crate::edges::Edges;
 use crate::lines::{Clip, Line, Lines};
@@ -211,7 +213,7 @@ impl Precise {
         verdict::drop_lonely(&mut self.stripe, lines.clone(), strong, &mut self.keep);
         // All ends first, then out with them, lest an end be eaten up line by line.
         self.edges.drop_partial(&mut self.stripe, lines.clone(), &mut self.partial);
-        self.bends.unbend(&mut self.stripe, lines);
+        self.bends.unbend(Level::new(), &mut self.stripe, lines);
     }
 
     /// Verdict on line `i` of the region, all but its company.

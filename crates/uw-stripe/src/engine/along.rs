@@ -65,7 +65,7 @@ impl Engine {
             edges.drop_partial(stripe, lines.clone(), ends);
         }
         if signs.bent || signs.edges {
-            self.along.bends.unbend(stripe, lines.clone());
+            self.along.bends.unbend(level, stripe, lines.clone());
         }
         if signs.edges || signs.rough || signs.bent {
             for line in lines {
