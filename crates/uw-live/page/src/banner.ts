@@ -52,7 +52,7 @@ export function showLink(connection: Connection, welcome: Welcome | null, state:
   say(element("link-word"), word);
   const moving = state !== null && AT_WORK.has(state.phase);
   const old = viewAge !== null && (link.kind === "down" || (moving && viewAge > OLD_MS));
-  say(element("link-age"), viewAge !== null && (moving || link.kind === "down") ? ` · ${age(viewAge)} old` : "");
+  say(element("link-age"), viewAge !== null && (moving || link.kind === "down") ? `${age(viewAge)} old` : "");
   mark(element("link"), "data-link", link.kind === "live" && old ? "old" : link.kind);
   mark(document.body, "data-stale", old ? "yes" : "no");
 }

@@ -222,7 +222,7 @@ export class CloudView {
     const radius = Math.max(1, high.distanceTo(low) / 2);
     const slack = radius * 0.06;
     this.fitted = { low: low.clone().subScalar(slack).toArray(), high: high.clone().addScalar(slack).toArray() };
-    this.place(low.clone().add(high).multiplyScalar(0.5), 1.08 * this.distanceOf(low, high));
+    this.place(low.clone().add(high).multiplyScalar(0.5), 1.12 * this.distanceOf(low, high));
   }
 
   /** How far away the box has to be so that its corners are all in sight from the home direction, mm. */

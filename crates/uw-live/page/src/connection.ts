@@ -79,7 +79,7 @@ export class Connection {
   private watch: unknown = null;
   private nextId = 1;
   private readonly pending = new Map<number, Pending>();
-  private readonly urgent = new Map<Action, { at: number; resolve: (answer: Answer) => void }>();
+  private readonly urgent = new Map<Action, Pending>();
   private heard = 0;
   private asked = false;
   /** Server's clock less ours where a message took the least time, ms. */
@@ -125,8 +125,14 @@ export class Connection {
     const waits = action === "stop" || action === "laser-off";
     if (this.link.kind !== "live" && waits) {
       return new Promise((resolve) => {
-        this.urgent.get(action)?.resolve({ type: "answer", id: 0, ok: false, error: "asked for again" });
-        this.urgent.set(action, { at: this.around.now(), resolve });
+        const before = this.urgent.get(action);
+        const both = before ? (answer: Answer) => { before.resolve(answer); resolve(answer); } : resolve;
+        if (before) this.around.cancel(before.timer);
+        const timer = this.around.after(KEEP_URGENT_MS, () => {
+          this.urgent.delete(action);
+          both({ type: "answer", id: 0, ok: false, error: "The link was down for too long: this was not sent. Press again if it is still wanted." });
+        });
+        this.urgent.set(action, { timer, resolve: both });
       });
     }
     return this.ask({ type: "command", do: action });
@@ -201,9 +207,9 @@ export class Connection {
     const have = this.peer.have();
     if (have) this.send({ type: "have", ...have });
     this.become({ kind: "live", since: this.around.now() });
-    for (const [action, { at, resolve }] of this.urgent) {
-      if (this.around.now() - at <= KEEP_URGENT_MS) void this.ask({ type: "command", do: action }).then(resolve);
-      else resolve({ type: "answer", id: 0, ok: false, error: "The link was down for too long: this was not sent. Press again if it is still wanted." });
+    for (const [action, { timer, resolve }] of this.urgent) {
+      this.around.cancel(timer);
+      void this.ask({ type: "command", do: action }).then(resolve);
     }
     this.urgent.clear();
     for (const wish of this.peer.greet(message)) this.send(wish);

@@ -186,6 +186,7 @@ function apply(name: keyof Settings | null): void {
   if (cloud) {
     cloud.pointSize = settings.pointSize;
     cloud.colourBy(settings.colour, dark());
+    mark(element("cloud"), "data-colour", settings.colour);
   }
   legendBar();
   image.draw();
