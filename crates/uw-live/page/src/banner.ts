@@ -6,7 +6,7 @@ import { element, mark, say } from "./surface.ts";
 
 /** A view older than this is said to be old, ms. */
 export const OLD_MS = 2000;
-const AT_WORK = new Set(["starting", "scanning", "stopping", "replaying"]);
+const AT_WORK = new Set(["starting", "scanning", "stopping"]);
 
 /** What the banner says of a link, or `null` where there is nothing to say. Without figures that change: those are in `ageWords`. */
 export function linkWords(link: Link, welcome: Welcome | null, state: State | null): string | null {

@@ -54,12 +54,16 @@ const OPENING_MS = 10_000;
 /** Silence after which a question is asked that has to be answered, and after which the link counts as down. */
 export const SILENCE_ASK_MS = 4_000;
 export const SILENCE_DOWN_MS = 9_000;
+/** Phases in which the state changes all the time. */
+const AT_WORK = new Set(["starting", "scanning", "stopping"]);
 /** A command unanswered for so long is told as such. */
 export const ANSWER_MS = 4_000;
 /** Laser off and stop, asked for while the link is down, are sent if it is back within this time. */
 export const KEEP_URGENT_MS = 60_000;
 
 const CLOSED: Record<number, string> = {
+  1001: "The program was ended.",
+  4400: "The program did not understand this page. Reload it: they may be of different versions.",
   4408: "The program did not hear from this page in time.",
   4413: "The program refused a message of this page as too large.",
   4429: "Too many pages are open, or they ask too often. Close one that nobody looks at.",
@@ -84,7 +88,8 @@ export class Connection {
   private asked = false;
   /** Server's clock less ours where a message took the least time, ms. */
   private offset: number | null = null;
-  private stamp: { server: number; received: number } | null = null;
+  private stamp: { server: number; received: number; atWork: boolean } | null = null;
+  private greeted = false;
 
   constructor(private readonly url: string, private readonly peer: Peer, private readonly around: Surroundings = BROWSER) {}
 
@@ -158,9 +163,13 @@ export class Connection {
     });
   }
 
-  /** How old what is shown is, ms: time since the latest state came, and what it was late by; `null` before the first. */
+  /**
+   * How old what is shown is, ms; `null` before the first state. While something moves: time since the latest state came, and what it was late by. Else nothing
+   * need come, and it is the time since anything did.
+   */
   age(): number | null {
     if (!this.stamp || this.offset === null) return null;
+    if (!this.stamp.atWork) return Math.max(0, this.around.now() - this.heard);
     const late = this.stamp.received + this.offset - this.stamp.server;
     return Math.max(0, this.around.now() - this.stamp.received) + Math.max(0, late);
   }
@@ -182,7 +191,7 @@ export class Connection {
     const message = decodeText(data);
     if (!message) return;
     if (message.type === "welcome") this.welcome(message);
-    if (message.type === "state") this.clock(message.stamp_ns / 1e6);
+    if (message.type === "state") this.clock(message.stamp_ns / 1e6, AT_WORK.has(message.phase));
     if (message.type === "answer") this.settle(message);
     this.peer.text(message);
   }
@@ -199,6 +208,9 @@ export class Connection {
   }
 
   private welcome(message: Welcome): void {
+    // A server may welcome again when what it said has changed.
+    if (this.greeted) return;
+    this.greeted = true;
     this.around.cancel(this.timer);
     this.attempts = 0;
     this.downSince = null;
@@ -216,10 +228,10 @@ export class Connection {
     this.watching();
   }
 
-  private clock(server: number): void {
+  private clock(server: number, atWork: boolean): void {
     const received = this.around.now();
-    this.offset = Math.max(this.offset ?? -Infinity, server - received);
-    this.stamp = { server, received };
+    if (atWork) this.offset = Math.max(this.offset ?? -Infinity, server - received);
+    this.stamp = { server, received, atWork };
   }
 
   /** A cut cable closes no socket: whoever says nothing is asked, and whoever does not answer is gone. */
@@ -268,6 +280,7 @@ export class Connection {
     this.around.cancel(this.watch);
     const socket = this.socket;
     this.socket = null;
+    this.greeted = false;
     if (socket && socket.readyState < 2) socket.close();
     for (const id of [...this.pending.keys()]) {
       this.settle({ type: "answer", id, ok: false, error: "The link went down before the answer came. Whether it was done is not known: look at the state." });

@@ -100,11 +100,11 @@ export class ImageView {
     if (this.stripe) {
       pen.fillStyle = colour("found");
       const size = Math.max(1.25, scale);
-      const { stripe } = message;
+      const { stripe, stripeStep } = message;
       for (let line = 0; line < stripe.length; line++) {
         if (stripe[line] === NO_STRIPE) continue;
         // Pixel (0, 0) is the centre of the top-left pixel.
-        const [at, along] = [(stripe[line]! / 64 + 0.5) * scale, (line + 0.5) * scale];
+        const [at, along] = [(stripe[line]! * stripeStep + 0.5) * scale, (line + 0.5) * scale];
         if (upright) pen.fillRect(x + at - size / 2, y + along - size / 2, size, size);
         else pen.fillRect(x + along - size / 2, y + at - size / 2, size, size);
       }

@@ -232,7 +232,7 @@ connection.start();
 Object.defineProperty(globalThis, "uwscan", {
   value: Object.freeze({
     points: () => points.unpacked(),
-    counts: () => ({ epoch: points.epoch, next: points.next, count: points.count, missed: points.missed, refused: points.refused }),
+    counts: () => ({ epoch: points.epoch, next: points.next, count: points.count, missed: points.missed, refused: points.refused, step: points.step() }),
     link: () => connection.link.kind,
     age: () => connection.age(),
     state: () => state,

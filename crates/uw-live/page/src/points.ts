@@ -96,6 +96,13 @@ export class Points {
     return { positions, brightness };
   }
 
+  /** The coarsest step of those that the places are told in, mm: no point is more than half of it off. */
+  step(): number {
+    let most = 0;
+    for (const { boxes, slots } of this.blocks) for (let slot = 0; slot < slots; slot++) most = Math.max(most, boxes[4 * slot + 3]!);
+    return most;
+  }
+
   /** Where the cloud lies but for the outermost hundredth on each side, from a sample; `null` while it is empty. */
   extent(): Extent | null {
     const n = Math.min(this.sampled, SAMPLES);

@@ -87,8 +87,10 @@ export interface ImageMessage {
   frame: number;
   width: number;
   height: number;
-  /** 1/64 px along each line; 65535 where there is none. */
+  /** Steps along each line; 65535 where there is none. */
   stripe: Uint16Array;
+  /** px: 1/64, doubled for each of the message's flags, so that wide images fit. */
+  stripeStep: number;
   jpeg: Uint8Array;
 }
 
@@ -162,14 +164,14 @@ const REQUIRED: Record<string, string[]> = {
 export function decodeBinary(buffer: ArrayBuffer): BinaryMessage | null {
   const reader = new Reader(buffer);
   const kind = reader.u8();
-  reader.u8();
+  const flags = reader.u8();
   reader.u16();
   const sequence = reader.u32();
   switch (kind) {
     case 1: {
       const [stampNs, frame, width, height, lines] = [reader.u64(), reader.u32(), reader.u16(), reader.u16(), reader.u32()];
       const stripe = reader.u16s(lines);
-      return { kind: "image", sequence, stampNs, frame, width, height, stripe, jpeg: reader.bytes(reader.u32()) };
+      return { kind: "image", sequence, stampNs, frame, width, height, stripe, stripeStep: 2 ** flags / 64, jpeg: reader.bytes(reader.u32()) };
     }
     case 2: {
       const [epoch, first, count] = [reader.u32(), reader.u64(), reader.u32()];

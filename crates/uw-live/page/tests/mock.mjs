@@ -105,13 +105,14 @@ export class Mock {
   receive(client, message) {
     if (message.type === "hello") return this.hello(client, message);
     if (!client.hello) return client.ws.close(4408);
-    if (message.type === "ack") client.unacked.delete(message.sequence);
+    if (message.type === "ack") {
+      client.unacked.delete(message.sequence);
+      if (client.behind) this.show(client);
+    }
     if (message.type === "captures") this.send(client, { type: "captures", names: this.mode === "replay" ? this.captures : [] });
-    if (message.type === "have" && message.epoch === this.epoch) [client.epoch, client.at] = [message.epoch, message.points];
+    if (message.type === "have" && message.epoch === this.epochOf(client)) [client.epoch, client.at] = [message.epoch, message.points];
     if (message.type === "view") {
-      const thinner = (message.density ?? null) !== client.view.density;
       client.view = { image: message.image, points: message.points, density: message.density ?? null };
-      if (thinner) client.epoch = -1;
     }
     if (message.type === "command") this.command(client, message);
     if (message.type === "replay") this.replay(client, message);
@@ -238,7 +239,9 @@ export class Mock {
     if (this.lastFrame === null) return;
     const made = cached(this.lastFrame);
     this.send(client, { type: "signal", ...made.signal });
-    if ([...client.unacked.values()].some((kind) => kind.kind === 1)) return;
+    // The latest wins: while an image is on the way no other is sent, and then the one that is the latest by then.
+    client.behind = [...client.unacked.values()].some(({ kind }) => kind === 1);
+    if (client.behind) return;
     const head = (length) => { const out = Buffer.alloc(length); out.writeBigUInt64LE(BigInt(Date.now()) * 1_000_000n); out.writeUInt32LE(this.lastFrame, 8); return out; };
     const profile = Buffer.concat([head(20), Buffer.from(Float32Array.from(made.points).buffer)]);
     profile.writeFloatLE(voltage(this.lastFrame), 12);
@@ -260,18 +263,21 @@ export class Mock {
     if (!client.hello || !client.view.points) return;
     const every = Math.round(1 / (client.view.density ?? 1));
     const total = Math.ceil(this.brightness.length / every);
-    if (client.epoch !== this.epoch) [client.epoch, client.at] = [this.epoch, 0];
+    if (client.epoch !== this.epochOf(client)) [client.epoch, client.at] = [this.epochOf(client), 0];
     let waiting = [...client.unacked.values()].reduce((sum, m) => sum + m.bytes, 0);
     while (client.at < total && waiting < UNACKED_BYTES) {
       const n = Math.min(CHUNK, total - client.at);
-      const body = this.pack(client.at, n, every);
+      const body = this.pack(client.epoch, client.at, n, every);
       client.at += n;
       waiting += body.length;
       this.binary(client, 2, body);
     }
   }
 
-  pack(first, n, every) {
+  /** Another density is another epoch. */
+  epochOf(client) { return 100 * this.epoch + (Math.round(100 * (client.view.density ?? 1)) % 100); }
+
+  pack(epoch, first, n, every) {
     const at = (i, k) => this.positions[3 * (first + i) * every + k];
     const low = [Infinity, Infinity, Infinity];
     let span = 0;
@@ -280,7 +286,7 @@ export class Mock {
     for (let i = 0; i < n; i++) for (let k = 0; k < 3; k++) span = Math.max(span, at(i, k) - corner[k]);
     const step = Math.fround(Math.max(1e-3, span / 65000));
     const body = Buffer.alloc(32 + 7 * n);
-    body.writeUInt32LE(this.epoch);
+    body.writeUInt32LE(epoch);
     body.writeBigUInt64LE(BigInt(first), 4);
     body.writeUInt32LE(n, 12);
     [...corner, step].forEach((v, k) => body.writeFloatLE(v, 16 + 4 * k));

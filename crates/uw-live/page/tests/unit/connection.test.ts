@@ -58,7 +58,7 @@ function made({ token = null as string | null } = {}) {
   const welcome: Welcome = { type: "welcome", version: "0", mode: "station", rights: "control", server_ns: now * 1e6, camera: null, volts: null, across: "row" };
   const up = () => { const socket = sockets.at(-1)!; socket.open(); socket.say({ ...welcome, server_ns: now * 1e6 }); return socket; };
   connection.start();
-  return { connection, sockets, links, faults, pass, up, order, held, last: () => sockets.at(-1)!, state: (stamp_ns: number) => ({ type: "state", phase: "idle", laser: "off", frames: 0, points: 0, stamp_ns }), now: () => now };
+  return { connection, sockets, links, faults, pass, up, order, held, last: () => sockets.at(-1)!, state: (stamp_ns: number, phase = "scanning") => ({ type: "state", phase, laser: "off", frames: 0, points: 0, stamp_ns }), now: () => now };
 }
 
 /** Why the link is down; fails where it is not. */
@@ -213,4 +213,22 @@ test("the age is the time since the latest state, and by how much it came late",
   assert.equal(Math.round(connection.age()!), 700);
   socket.say(state((now() - 1500) * 1e6));
   assert.equal(Math.round(connection.age()!), 1500);
+});
+
+test("while nothing moves, nothing need come: the age is the time since anything did", () => {
+  const { connection, up, pass, state, now } = made();
+  const socket = up();
+  socket.say(state((now() - 60_000) * 1e6, "idle"));
+  pass(3000);
+  socket.say({ type: "captures", names: [] });
+  pass(500);
+  assert.equal(connection.age(), 500);
+});
+
+test("a second welcome of the same link is told on, and starts nothing anew", () => {
+  const { up } = made();
+  const socket = up();
+  const before = socket.sent.length;
+  socket.say({ type: "welcome", version: "0", mode: "scan", rights: "control", server_ns: 0, camera: null, volts: null, across: "row" });
+  assert.equal(socket.sent.length, before);
 });

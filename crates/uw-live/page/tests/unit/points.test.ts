@@ -20,6 +20,7 @@ test("points are corner + step × places, in order, over blocks and boxes", () =
   other.add(pointsMessage({ first: 1, corner: [1, 1, 1], step: 2, places: [[1, 2, 3]], brightness: [255] }));
   assert.deepEqual([...other.unpacked().positions], [-3, 6, 600 + 0.25 * 65535, 3, 5, 7]);
   assert.deepEqual([...other.unpacked().brightness], [9, 255]);
+  assert.equal(other.step(), 2);
 });
 
 test("more boxes than a block has slots open another block, and none is mistaken for another", () => {

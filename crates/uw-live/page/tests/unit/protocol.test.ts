@@ -16,6 +16,10 @@ test("an image comes with its stripe and its JPEG", () => {
   assert.deepEqual([message.frame, message.width, message.height], [7, 768, 576]);
   assert.deepEqual([...message.stripe], [64, NO_STRIPE, 19232]);
   assert.deepEqual([...message.jpeg], [255, 216, 255, 217]);
+  assert.equal(message.stripeStep, 1 / 64);
+  const wide = image();
+  new Uint8Array(wide)[1] = 2;
+  assert.equal((decodeBinary(wide) as ImageMessage).stripeStep, 1 / 16);
 });
 
 test("a profile comes in millimetres", () => {
