@@ -38,6 +38,9 @@ const POINTS: (usize, usize) = (512, 32 << 10);
 const BEHIND_S: f64 = 1.5;
 const DENSER_S: (f64, f64) = (0.75, 4.0);
 
+/// How often the state is told at least: an idle link is told from a dead one by that.
+const TELL_AT_LEAST: Duration = Duration::from_secs(1);
+
 /// What was told already.
 #[derive(Default)]
 struct Told {
@@ -139,7 +142,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Writer<'_, S> {
                 Err(until) => Some(until.unwrap_or(self.due.ping)),
             };
             if let Some(next) = next {
-                return Ok(next.min(self.due.ping).max(now));
+                return Ok(next.min(self.due.ping).min(self.due.state + TELL_AT_LEAST).max(now));
             }
         }
     }
@@ -158,7 +161,8 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Writer<'_, S> {
         }
         let every = if self.client.view().pace.rate() < THIN { TELL_RARELY } else { TELL_EVERY };
         let urgent = self.told.urgent != Some(board.urgent);
-        if urgent || (self.told.state != board.state.version && now >= self.due.state) {
+        let changed = self.told.state != board.state.version && now >= self.due.state;
+        if urgent || changed || now >= self.due.state + TELL_AT_LEAST {
             (self.told.urgent, self.told.state) = (Some(board.urgent), board.state.version);
             self.due.state = now + every;
             let state = self.state(&board);
