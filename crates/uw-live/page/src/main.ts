@@ -47,8 +47,8 @@ const replay = new Replay(connection, log, () => settings.keys);
 function takeText(message: TextMessage): void {
   switch (message.type) {
     case "welcome": {
-      // Another program, or the same started anew: what is here is not its.
-      const other = welcome !== null && (welcome.mode !== message.mode || welcome.across !== message.across);
+      // Another program: what is here is not its.
+      const other = welcome !== null && welcome.mode !== message.mode;
       welcome = message;
       if (other) empty();
       dialogue.close();
@@ -60,6 +60,8 @@ function takeText(message: TextMessage): void {
     }
     case "state":
       state = message;
+      // The program was started anew: what is here is of a scan that it does not know.
+      if (message.phase === "idle" && message.points === 0 && points.count > 0) empty();
       if (welcome) showState(message, welcome.rights);
       cloudNote();
       break;

@@ -46,8 +46,9 @@ export class Points {
   private sample = new Float32Array(3 * SAMPLES);
   private sampled = 0;
   private random = 1;
+  private known: { sampled: number; extent: Extent } | null = null;
 
-  constructor(public cap = 4_000_000) {}
+  constructor(public cap = 4_194_304) {}
 
   /** Takes in a message: what is new of it. A new epoch empties the cloud first. */
   add(message: PointsMessage): Added {
@@ -77,6 +78,7 @@ export class Points {
     this.epoch = null;
     this.next = this.count = this.refused = this.missed = this.sampled = 0;
     this.random = 1;
+    this.known = null;
     this.version++;
   }
 
@@ -107,6 +109,8 @@ export class Points {
   extent(): Extent | null {
     const n = Math.min(this.sampled, SAMPLES);
     if (!n) return null;
+    // Asked for with each picture: worked out anew only when the cloud has grown by a hundredth.
+    if (this.known && this.sampled < 1.01 * this.known.sampled) return this.known.extent;
     const sides = [0, 1, 2].map((k) => {
       const values = new Float32Array(n);
       for (let i = 0; i < n; i++) values[i] = this.sample[3 * i + k]!;
@@ -114,7 +118,9 @@ export class Points {
       const cut = Math.floor(0.01 * (n - 1));
       return [values[cut]!, values[n - 1 - cut]!] as const;
     });
-    return { low: sides.map((s) => s[0]) as Extent["low"], high: sides.map((s) => s[1]) as Extent["high"] };
+    const extent = { low: sides.map((s) => s[0]) as Extent["low"], high: sides.map((s) => s[1]) as Extent["high"] };
+    this.known = { sampled: this.sampled, extent };
+    return extent;
   }
 
   /** Puts points from `at` up to `end` into the last block, as far as it goes; how many. */

@@ -18,7 +18,7 @@ export interface Settings {
 }
 
 export const DEFAULTS: Settings = {
-  client: "", bandwidth_kbps: null, image: true, points: true, density: null, cap: 4_000_000, unit: "mm", keys: true, theme: "auto",
+  client: "", bandwidth_kbps: null, image: true, points: true, density: null, cap: 4_194_304, unit: "mm", keys: true, theme: "auto",
   colour: "depth", pointSize: 2, stripe: true,
 };
 const NAME = "uwscan.live.settings";

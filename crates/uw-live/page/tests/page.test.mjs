@@ -218,6 +218,24 @@ test("a cut link is told in words with the view's age, and the page catches up b
   });
 });
 
+test("a program that was started anew is not shown with the old one's cloud", async () => {
+  await on({ mock: { hz: 30 }, allow: [LOST_LINK] }, async (page, mock) => {
+    await page.click("#start");
+    await state(page, "scanning");
+    await until(async () => (await counts(page)).count > 2000, "some points");
+    mock.cut();
+    await link(page, "down");
+    mock.clear();
+    mock.mend();
+    await state(page, "idle", 15_000);
+    await until(async () => (await counts(page)).count === 0, "an empty cloud");
+    await page.click("#start");
+    await state(page, "finished", 30_000);
+    await sameCloud(page, mock);
+    assert.equal((await counts(page)).missed, 0);
+  });
+});
+
 test("laser off pressed while the link is down is sent when it is back", async () => {
   await on({ mock: { hz: 5 }, allow: [LOST_LINK] }, async (page, mock) => {
     await page.click("#start");

@@ -65,3 +65,14 @@ test("the extent leaves out a few points that lie far off", () => {
     assert.ok(low[k]! >= from && low[k]! <= from + 0.1 * span && high[k]! <= from + span && high[k]! >= from + 0.8 * span, `${k}: ${low[k]} to ${high[k]}`);
   }
 });
+
+test("the extent follows the cloud as it grows, and starts anew with it", () => {
+  const points = new Points();
+  const row = (first: number, epoch: number, at: number) => pointsMessage({ epoch, first, places: Array.from({ length: 500 }, (_, i) => [at + i, 0, 0]) });
+  points.add(row(0, 1, 0));
+  assert.ok(points.extent()!.high[0] <= 499);
+  points.add(row(500, 1, 10_000));
+  assert.ok(points.extent()!.high[0] > 10_400);
+  points.add(row(0, 2, 100));
+  assert.ok(points.extent()!.high[0] <= 599 && points.extent()!.low[0] >= 100);
+});
