@@ -46,18 +46,14 @@ const replay = new Replay(connection, log, () => settings.keys);
 
 function takeText(message: TextMessage): void {
   switch (message.type) {
-    case "welcome": {
-      // Another program: what is here is not its.
-      const other = welcome !== null && welcome.mode !== message.mode;
+    case "welcome":
       welcome = message;
-      if (other) empty();
       dialogue.close();
       image.lines(message.across);
       profile.lines(message.across);
       replay.mode(message.mode === "replay");
       showWelcome(message);
       break;
-    }
     case "state":
       state = message;
       // The program was started anew: what is here is of a scan that it does not know.
