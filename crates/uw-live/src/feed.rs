@@ -206,8 +206,10 @@ pub(crate) struct Note {
 }
 
 /// Where a replay is.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Timeline {
+    /// The recording's name.
+    pub capture: String,
     /// Of the first image, nanoseconds since the Unix epoch.
     pub start_ns: u64,
     /// Of the last.
@@ -399,8 +401,8 @@ impl Feed {
     }
 
     /// The stripe and the points of an image.
-    pub fn stripe(&self, stripe: Stripe) {
-        let stripe = Arc::new(stripe);
+    pub fn stripe(&self, stripe: impl Into<Arc<Stripe>>) {
+        let stripe = stripe.into();
         self.shared.cloud().extend(points(&stripe));
         let mut held = self.shared.held();
         let at = held.images.iter().position(|picture| picture.frame == stripe.frame);
@@ -417,6 +419,12 @@ impl Feed {
         held.stripes_came += 1;
         held.board.stripe.set(Some(stripe));
         drop(held);
+        self.shared.wake();
+    }
+
+    /// Points of an image that is not shown now.
+    pub fn points(&self, stripe: &Stripe) {
+        self.shared.cloud().extend(points(stripe));
         self.shared.wake();
     }
 

@@ -6,7 +6,7 @@
 
 pub mod acquire;
 pub mod adaptive;
-mod live;
+pub(crate) mod live;
 pub mod plan;
 pub mod session;
 pub mod steer;
@@ -111,6 +111,13 @@ impl Plan {
             motion @ Motion::Continuous { .. } => motion.images(),
         };
         one * self.repeat as usize
+    }
+
+    /// The lowest and the highest voltage; `None` where it visits none.
+    pub fn range_v(&self) -> Option<[f64; 2]> {
+        let ends = self.motion.ends();
+        let low = ends.iter().copied().reduce(f64::min)?;
+        Some([low, ends.into_iter().fold(low, f64::max)])
     }
 
     /// Voltages as positions, with those for the background among them.

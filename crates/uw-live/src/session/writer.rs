@@ -176,7 +176,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Writer<'_, S> {
             }
             self.told.notes = board.noted;
         }
-        if let Some(timeline) = board.timeline.value
+        if let Some(timeline) = &board.timeline.value
             && self.told.timeline != board.timeline.version
             && now >= self.due.timeline
         {
