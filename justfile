@@ -74,6 +74,10 @@ page *FLAGS:
 accept SCRIPT *ARGS: build
     {{SCRIPT}} --uwscan {{justfile_directory()}}/target/release/uwscan {{ARGS}}
 
+# A live scan before clients that are not ours (Python: websockets, protobuf)
+live:
+    scripts/live.sh
+
 # Recordings before readers that are not ours (Python: mcap, rosbags, pymcap-cli)
 recordings:
     scripts/recordings.sh

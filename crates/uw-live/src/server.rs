@@ -98,10 +98,7 @@ impl Server {
             closing: to_close,
         });
         let stream = foxglove
-            .map(|address| {
-                let _entered = runtime.enter();
-                runtime.block_on(foxglove::start(address, shared.clone(), site.jpegs.clone()))
-            })
+            .map(|address| runtime.block_on(foxglove::start(address, shared.clone(), site.jpegs.clone())))
             .transpose()?;
         let foxglove = stream.as_ref().map(|stream| stream.listening);
         let listener = {

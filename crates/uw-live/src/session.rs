@@ -17,6 +17,7 @@ use tokio_tungstenite::tungstenite::protocol::CloseFrame;
 use tokio_tungstenite::tungstenite::{Error as WsError, Message};
 
 use crate::access::Rights;
+use crate::cloud::COARSEST;
 use crate::control::{Action, Asked, Outbox, Word};
 use crate::feed::Level;
 use crate::pace::Pace;
@@ -70,6 +71,8 @@ struct View {
     pace: Pace,
     image: bool,
     points: bool,
+    /// It wants only every 2ⁿth point.
+    thinnest: u32,
     /// What it said it has.
     have: Option<(u32, u64)>,
     heard: Instant,
@@ -166,6 +169,7 @@ async fn admit<S: AsyncRead + AsyncWrite + Unpin>(
         pace: Pace::new(bandwidth_kbps),
         image: true,
         points: true,
+        thinnest: 0,
         have: None,
         heard: Instant::now(),
     };
@@ -246,9 +250,10 @@ fn hear(message: FromClient, client: &Client, site: &Site, budget: &mut Budget) 
     }
     budget.spend()?;
     match message {
-        FromClient::View { bandwidth_kbps, image, points } => {
+        FromClient::View { bandwidth_kbps, image, points, density } => {
             let mut view = client.view();
             view.pace.tell(bandwidth_kbps);
+            view.thinnest = density.filter(|share| *share > 0.0).map_or(0, thinned);
             (view.image, view.points) = (image.unwrap_or(view.image), points.unwrap_or(view.points));
             drop(view);
             client.outbox.wake.notify_one();
@@ -271,6 +276,11 @@ fn hear(message: FromClient, client: &Client, site: &Site, budget: &mut Budget) 
         FromClient::Ack { .. } | FromClient::Hello { .. } => return Err(MALFORMED),
     }
     Ok(())
+}
+
+/// The density that leaves no more than a share of the points.
+fn thinned(share: f64) -> u32 {
+    (1.0 / share).log2().ceil().clamp(0.0, f64::from(COARSEST)) as u32
 }
 
 fn command(id: u64, word: Word, client: &Client, site: &Site) {

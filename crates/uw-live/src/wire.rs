@@ -45,6 +45,9 @@ pub enum FromClient {
         image: Option<bool>,
         /// Points; absent: as before.
         points: Option<bool>,
+        /// The share of the points, at most; `None`: as the link allows.
+        #[serde(default)]
+        density: Option<f64>,
     },
     /// What it has already.
     Have {

@@ -266,12 +266,15 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Writer<'_, S> {
     /// The next points, if there are any.
     async fn cloud(&mut self, rate: f64, phase: Phase) -> Result<bool, Gone> {
         let share = rate * CLOUD_SHARE;
-        let have = self.client.view().have.take();
+        let (have, thinnest) = {
+            let mut view = self.client.view();
+            (view.have.take(), view.thinnest)
+        };
         let most = ((rate * POINTS_S) as usize / wire::POINT_BYTES).clamp(POINTS.0, POINTS.1);
         let told = &mut self.told;
         let part = {
             let cloud = self.site.shared.cloud();
-            aim(told, &cloud, have, share, phase);
+            aim(told, &cloud, have, Wish { share, thinnest, phase });
             cloud.part(told.density, told.points, most)
         };
         let (epoch, first) = (told.epoch.unwrap_or_default(), told.points);
@@ -301,10 +304,20 @@ fn spaced(bytes: usize, share: f64) -> Duration {
     Duration::from_secs_f64((bytes as f64 / share.max(1.0)).min(5.0)).max(TELL_EVERY)
 }
 
+/// What bounds a client's points.
+struct Wish {
+    /// Bytes a second.
+    share: f64,
+    /// Every 2ⁿth point at most.
+    thinnest: u32,
+    phase: Phase,
+}
+
 /// Which points a client gets next, at which density.
-fn aim(told: &mut Told, cloud: &Cloud, have: Option<(u32, u64)>, share: f64, phase: Phase) {
+fn aim(told: &mut Told, cloud: &Cloud, have: Option<(u32, u64)>, wish: Wish) {
+    let Wish { share, thinnest, phase } = wish;
     let seconds = |points: u64| points as f64 * wire::POINT_BYTES as f64 / share;
-    let finest = |most_s: f64| (0..COARSEST).find(|density| seconds(cloud.count(*density)) <= most_s);
+    let finest = |most_s: f64| (thinnest..COARSEST).find(|density| seconds(cloud.count(*density)) <= most_s);
     let begin = |told: &mut Told, density: u32| {
         (told.epoch, told.density, told.points) = (Some(cloud.epoch(density)), density, 0);
     };
@@ -317,7 +330,7 @@ fn aim(told: &mut Told, cloud: &Cloud, have: Option<(u32, u64)>, share: f64, pha
         (told.epoch, told.density, told.points) = (Some(epoch), density, points);
     }
     let known = told.epoch.is_some_and(|epoch| cloud.density_of(epoch).is_some());
-    if !known {
+    if !known || told.density < thinnest {
         return begin(told, finest(BEHIND_S).unwrap_or(COARSEST));
     }
     let moving = matches!(phase, Phase::Scanning | Phase::Replaying);
