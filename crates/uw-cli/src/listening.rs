@@ -56,6 +56,11 @@ fn stream(text: &str) -> Result<Stream, String> {
 }
 
 impl Listening {
+    /// Whether any of them is given.
+    pub fn is_given(&self) -> bool {
+        self.foxglove.is_some() || self.view_token_file.is_some() || self.control_token_file.is_some()
+    }
+
     /// Listens at an address.
     ///
     /// # Errors

@@ -9,7 +9,7 @@ use std::{
 };
 
 use anyhow::Context;
-use clap::ValueEnum;
+use clap::{ValueEnum, error::ErrorKind};
 use serde::Serialize;
 use uwscan::{
     hw::interlock::Report,
@@ -29,6 +29,7 @@ use uwscan::{
 };
 
 use crate::{
+    args::usage_error,
     commands::overwrite,
     console::Console,
     exit::{Outcome, chain},
@@ -73,14 +74,14 @@ pub struct Args {
     /// Show the scan in a browser, and let it be steered from there: at this address, or 127.0.0.1:8764
     #[arg(long, value_name = "ADDR", value_parser = listening::address, num_args = 0..=1, default_missing_value = "127.0.0.1:8764")]
     live: Option<SocketAddr>,
-    #[command(flatten)]
-    listening: Listening,
     /// Replace the outputs if they exist
     #[arg(long)]
     force: bool,
     /// Print one JSON object instead of text
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    listening: Listening,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -150,6 +151,10 @@ const GOODBYE: Duration = Duration::from_secs(1);
 /// The scan could not begin, nothing was recorded, the laser would not go off, or an output can't be written.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
+    if args.live.is_none() && args.listening.is_given() {
+        let what = "--foxglove, --view-token-file and --control-token-file are of a scan that is shown: give --live, too";
+        return Err(usage_error(ErrorKind::MissingRequiredArgument, what));
+    }
     let overwrite = overwrite(args.force);
     let setup = Setup::read(&args.config, args.calibration.as_deref(), args.medium, console)?;
     let target = match &args.output {

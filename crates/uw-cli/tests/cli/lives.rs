@@ -298,5 +298,6 @@ fn others_need_a_token_and_a_weak_one_is_refused() {
     crate::samples::uwscan(weak).fails(&["token", "at least 24"]);
     let far = ["serve", "--config", &config, "--listen", "0", "--foxglove", "0.0.0.0:0"];
     crate::samples::uwscan(far).fails(&["Foxglove", "loopback"]);
+    crate::samples::uwscan(["scan", "--config", &config, "--foxglove", "off"]).is_misused(&["--live"]);
     crate::samples::uwscan(["serve"]).is_misused(&["CAPTURE"]);
 }

@@ -3,7 +3,7 @@
 use std::io::{Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::sync_channel;
 use std::time::{Duration, Instant};
 
@@ -54,16 +54,18 @@ fn thin(server: SocketAddr, bytes_per_s: f64, late: Duration) -> SocketAddr {
     address
 }
 
-/// Feeds frames at a rate until it is told to end; the longest that a call took, ns.
-fn scan(
-    feed: Feed,
-    rate_hz: f64,
-    size: [u32; 2],
-    end: Arc<AtomicBool>,
-) -> std::thread::JoinHandle<(u32, u64)> {
+/// What feeding took.
+struct Fed {
+    frames: u32,
+    /// Median, 99th percentile and longest of a frame's calls, us.
+    took_us: [u64; 3],
+}
+
+/// Feeds frames at a rate until it is told to end.
+fn scan(feed: Feed, rate_hz: f64, size: [u32; 2], end: Arc<AtomicBool>) -> std::thread::JoinHandle<Fed> {
     std::thread::spawn(move || {
         let began = Instant::now();
-        let longest = AtomicU64::new(0);
+        let mut took_us = Vec::new();
         let mut frame = 0;
         let image = picture(0, size);
         while !end.load(Ordering::Acquire) {
@@ -76,10 +78,12 @@ fn scan(
             feed.image(picture);
             feed.stripe(stripe);
             feed.state(scanning(frame as usize));
-            longest.fetch_max(called.elapsed().as_nanos() as u64, Ordering::Relaxed);
+            took_us.push(called.elapsed().as_micros() as u64);
             frame += 1;
         }
-        (frame, longest.into_inner())
+        took_us.sort_unstable();
+        let at = |share: f64| took_us[(share * (took_us.len() - 1) as f64) as usize];
+        Fed { frames: frame, took_us: [at(0.5), at(0.99), at(1.0)] }
     })
 }
 
@@ -144,8 +148,15 @@ fn over_one_megabit_with_a_long_way_the_view_is_fresh_and_commands_are_heard() {
 
 #[test]
 fn many_viewers_and_a_stuck_one_hold_nothing_up() {
+    const SECONDS: Duration = Duration::from_secs(4);
     let (server, feed, _asked) = serve();
     let address = server.listening();
+    // The same without anybody, to compare with.
+    let end = Arc::new(AtomicBool::new(false));
+    let alone = scan(feed.clone(), 200.0, [384, 288], end.clone());
+    std::thread::sleep(SECONDS);
+    end.store(true, Ordering::Release);
+    let alone = alone.join().unwrap();
     let end = Arc::new(AtomicBool::new(false));
     let viewing: Vec<_> = (0..20)
         .map(|i| {
@@ -165,20 +176,27 @@ fn many_viewers_and_a_stuck_one_hold_nothing_up() {
     let stuck = Client::hello(address, None, "stuck");
     let mut deaf = Client::hello(address, None, "deaf");
     deaf.acks = false;
-    let scanning = scan(feed, 100.0, [384, 288], end.clone());
+    let watched = scan(feed, 200.0, [384, 288], end.clone());
     let began = Instant::now();
     let mut bulk = 0;
-    while began.elapsed() < Duration::from_secs(4) {
+    while began.elapsed() < SECONDS {
         if let Some(Got::Binary(bytes)) = deaf.next(Duration::from_millis(50)) {
             bulk += bytes.len();
         }
     }
     end.store(true, Ordering::Release);
-    let (frames, longest_ns) = scanning.join().unwrap();
+    let watched = watched.join().unwrap();
     let images: Vec<usize> = viewing.into_iter().map(|viewer| viewer.join().unwrap()).collect();
     println!(
-        "20 viewers: images {images:?}; {frames} frames, a call at most {} us; deaf {bulk} bytes",
-        longest_ns / 1000
+        "200 Hz, alone: {} frames, {:?} us a frame; with 22 clients: {} frames, {:?} us; images {images:?}; deaf {bulk} bytes",
+        alone.frames, alone.took_us, watched.frames, watched.took_us
+    );
+    // The clients are on the same processors here: the bar of 5 % is for a machine that has room for them.
+    assert!(
+        f64::from(watched.frames) > 0.9 * f64::from(alone.frames),
+        "{} of {}",
+        watched.frames,
+        alone.frames
     );
     // What is unacknowledged is bounded, whatever is scanned: this is what memory and socket hold of it.
     assert!(bulk < 200_000, "{bulk} bytes to a client that acknowledges none");
