@@ -66,9 +66,17 @@ reproduce FOLDER="target/reproduce" *ARGS: build
 pages FOLDER *PAGES:
     scripts/pages.sh {{FOLDER}} {{PAGES}}
 
+# The live page: types, tests, build compared with the committed files, headless Chromium; `just page --update` writes the built files
+page *FLAGS:
+    scripts/live-page.sh {{FLAGS}}
+
 # An acceptance script of yours (SCRIPT --uwscan BINARY …) on the optimised command
 accept SCRIPT *ARGS: build
     {{SCRIPT}} --uwscan {{justfile_directory()}}/target/release/uwscan {{ARGS}}
+
+# A live scan before clients that are not ours (Python: websockets, protobuf)
+live:
+    scripts/live.sh
 
 # Recordings before readers that are not ours (Python: mcap, rosbags, pymcap-cli)
 recordings:

@@ -14,6 +14,8 @@ pub use uw_cloud as cloud;
 pub use uw_geom as geom;
 pub use uw_hw as hw;
 pub use uw_io as io;
+#[cfg(feature = "live")]
+pub use uw_live as live;
 pub use uw_report as report;
 pub use uw_sim as sim;
 pub use uw_stripe as stripe;

@@ -18,6 +18,7 @@
 //! | reproduce | [`reproduce`] | seed | the paper's experiments, its method and ours | – | [`crate::Failure`] |
 //! | batch | [`batch`] | folder of recordings, calibration | a cloud and a result each, one table | what is there already, what is no scan | a recording that fails is a row of the table |
 //! | uncertainty | [`uncertainty`] | cloud, calibration, fit | the calibration's part of its covariance | whether the cloud came of that calibration | [`crate::Error::OtherCalibration`] |
+//! | live | `live` (feature `live`) | a scan while it runs, or recordings | what `uw-live` shows, and what is asked for there | nothing: it hands on | a request that can't be met is refused in words |
 
 pub mod batch;
 mod boards;
@@ -26,6 +27,8 @@ pub mod capture;
 pub mod demo;
 pub mod doctor;
 pub mod instrument;
+#[cfg(feature = "live")]
+pub mod live;
 mod load;
 mod points;
 pub mod reconstruct;

@@ -13,7 +13,11 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("uw-cloud", &["uw-geom"]),
     ("uw-sim", &["uw-geom", "uw-hw"]),
     ("uw-io", &["uw-calib", "uw-cloud", "uw-geom", "uw-hw"]),
-    ("uwscan", &["uw-calib", "uw-cloud", "uw-geom", "uw-hw", "uw-io", "uw-report", "uw-sim", "uw-stripe"]),
+    ("uw-live", &["uw-calib", "uw-cloud", "uw-hw", "uw-io"]),
+    (
+        "uwscan",
+        &["uw-calib", "uw-cloud", "uw-geom", "uw-hw", "uw-io", "uw-live", "uw-report", "uw-sim", "uw-stripe"],
+    ),
     ("uw-cli", &["uwscan"]),
 ];
 
@@ -35,6 +39,7 @@ const NEVER: &[(&str, &[&[&str]])] = &[
     // Its noise is drawn from seeds; the time of an exposure is given to it.
     ("uw-sim", &[FILES, LOGS, TERMINAL, &["serde"]]),
     ("uw-io", &[TERMINAL]),
+    ("uw-live", &[TERMINAL]),
     ("uwscan", &[TERMINAL]),
 ];
 

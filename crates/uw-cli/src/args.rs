@@ -8,7 +8,7 @@ use clap::{
 
 use crate::commands::{
     batch, calibrate, capture_calibration, clean, compare, completions, convert, demo, devices, doctor, fit,
-    info, man, merge, mesh, reconstruct, recover, report, reproduce, scan, shapes, simulate,
+    info, man, merge, mesh, reconstruct, recover, report, reproduce, scan, serve, shapes, simulate,
 };
 
 /// Underwater laser-line scanning: calibration, exact refraction, point clouds and measurements.
@@ -82,6 +82,8 @@ pub enum Command {
     Batch(batch::Args),
     /// Drive galvanometer, laser and camera through a sweep: record it, and make points as it goes
     Scan(scan::Args),
+    /// Show recordings in a browser, or a vehicle that scans when it is asked to there
+    Serve(serve::Args),
     /// Fit one shape to a point cloud, robustly, with uncertainty and deviations
     Fit(fit::Args),
     /// Find spheres, planes and cylinders in a point cloud, and the distances between them

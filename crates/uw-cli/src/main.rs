@@ -6,6 +6,7 @@ mod commands;
 mod console;
 mod exit;
 mod figures;
+mod listening;
 mod now;
 mod output;
 mod progress;

@@ -5,6 +5,7 @@
 //! take, is lost and counted.
 
 use crate::pipeline::record::session::{Feed, Missing, Refused, Shot, unsigned};
+use crate::pipeline::record::steer::{Phase, Steering};
 use crate::pipeline::record::tally::Loss;
 use std::ops::ControlFlow;
 use std::time::Duration;
@@ -86,6 +87,21 @@ impl<'a> Acquisition<'a> {
     ) -> Result<(), Ended> {
         let Self { handle, camera, clock, next } = self;
         let mut refused = None;
+        let mut lit = false;
+        let observer = feed.observer();
+        let tally = feed.tally();
+        let aims = aims.into_iter().inspect(|aim| {
+            if let Some(steering) = observer.steering().filter(|steering| steering.is_held()) {
+                observer.phase(Phase::Held, tally);
+                steering.wait(handle, &mut || {});
+                observer.phase(Phase::Scanning, tally);
+                if lit && handle.reason().is_none() {
+                    // A fault stops the interlock, which is seen before the exposure.
+                    let _ = handle.laser_on();
+                }
+            }
+            lit = aim.laser_on;
+        });
         let each = |event| {
             let taken = match event {
                 Event::Exposed(exposed) => take(exposed, pose, handle, clock, next, feed),
@@ -108,16 +124,42 @@ impl<'a> Acquisition<'a> {
         }
     }
 
-    /// Sweeps without stopping.
+    /// Sweeps without stopping; where it is held, the rest of the way follows later, from the last image on.
     ///
     /// # Errors
     /// [`Ended`].
     pub fn ride(&mut self, settings: &Continuous, feed: &mut Feed<'_>) -> Result<(), Ended> {
+        let mut rest = *settings;
+        while let Some(from_v) = self.stretch(&rest, feed)? {
+            let (observer, camera) = (feed.observer(), &mut self.camera);
+            observer.phase(Phase::Held, feed.tally());
+            if let Some(steering) = observer.steering() {
+                // It runs by itself: what it shows meanwhile is not wanted, and must not pile up.
+                steering.wait(self.handle, &mut || while camera.next_frame(Duration::ZERO).is_ok() {});
+            }
+            observer.phase(Phase::Scanning, feed.tally());
+            rest.from_v = from_v;
+        }
+        Ok(())
+    }
+
+    /// Sweeps to the end, or until it is held: then the voltage of the last image.
+    fn stretch(&mut self, settings: &Continuous, feed: &mut Feed<'_>) -> Result<Option<f64>, Ended> {
         let Self { handle, camera, clock, next } = self;
         let mut refused = None;
+        let mut held_v = None;
+        let observer = feed.observer();
         let each = |event| {
             let taken = match event {
-                Event::Exposed(exposed) => take(exposed, None, handle, clock, next, feed),
+                Event::Exposed(exposed) => {
+                    let volts = exposed.volts;
+                    let taken = take(exposed, None, handle, clock, next, feed);
+                    if taken.is_ok() && observer.steering().is_some_and(Steering::is_held) {
+                        held_v = Some(volts);
+                        return ControlFlow::Break(());
+                    }
+                    taken
+                }
                 Event::Lost { fault: fault @ Fault::DuplicateFrame { .. }, .. } => {
                     again(&fault, handle, feed)
                 }
@@ -139,7 +181,7 @@ impl<'a> Acquisition<'a> {
         let swept = continuous(handle, *camera, settings, each);
         match refused {
             Some(refused) => Err(refused),
-            None => self.judge(swept, feed),
+            None => self.judge(swept, feed).map(|()| held_v),
         }
     }
 
@@ -188,6 +230,12 @@ fn flow(taken: Result<(), Refused>, refused: &mut Option<Ended>) -> ControlFlow<
     }
 }
 
+/// Has the recording say what was asked of the scan.
+pub(crate) fn tell_asked(feed: &mut Feed<'_>, handle: &Handle) -> Result<(), Refused> {
+    let asked = feed.observer().steering().map(Steering::take_asked).unwrap_or_default();
+    asked.into_iter().try_for_each(|(level, text)| feed.log(level, text, now(handle)))
+}
+
 fn again(fault: &Fault, handle: &Handle, feed: &mut Feed<'_>) -> Result<(), Refused> {
     feed.tally().duplicated();
     feed.log(Level::Info, fault.to_string(), now(handle))
@@ -206,6 +254,7 @@ fn take(
         let text = Fault::ClockStepped { by_ns: step.by_ns }.to_string();
         feed.log(Level::Warning, text, now(handle))?;
     }
+    tell_asked(feed, handle)?;
     let number = *next;
     *next += 1;
     feed.galvo(GalvoState {

@@ -107,6 +107,8 @@ pub(crate) struct Traced {
     pub stamp_ns: u64,
     /// End of its exposure.
     pub exposed_ns: i64,
+    /// The galvanometer's voltage.
+    pub voltage_v: f64,
     /// Its points, camera frame.
     pub cloud: PointCloud,
     across: Across,
@@ -125,6 +127,7 @@ impl Trace<'_> {
             frame: number,
             stamp_ns,
             exposed_ns,
+            voltage_v,
             cloud: PointCloud::default(),
             across: self.across,
             lines: seen.iter().map(|s| s.line as u32).collect(),

@@ -6,15 +6,16 @@
 
 pub mod acquire;
 pub mod adaptive;
-mod live;
+pub(crate) mod live;
 pub mod plan;
 pub mod session;
+pub mod steer;
 pub mod tally;
 
 use crate::pipeline::Progress;
 use crate::pipeline::reconstruct::{self, Reconstructed, outside, reconstruct};
 use crate::{Error, Failure, Notes};
-use acquire::{Acquisition, Ended, STALL, STALLS};
+use acquire::{Acquisition, Ended, STALL, STALLS, tell_asked};
 use adaptive::{Density, LinePoint, Profile};
 pub use live::Preview;
 use session::{Feed, Observer, Pressure, Room, Session};
@@ -22,6 +23,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
+pub use steer::{Phase, SteerError, Steering};
 pub use tally::{Counts, Loss, Tally};
 use uw_calib::Across;
 use uw_cloud::PointCloud;
@@ -109,6 +111,13 @@ impl Plan {
             motion @ Motion::Continuous { .. } => motion.images(),
         };
         one * self.repeat as usize
+    }
+
+    /// The lowest and the highest voltage; `None` where it visits none.
+    pub fn range_v(&self) -> Option<[f64; 2]> {
+        let ends = self.motion.ends();
+        let low = ends.iter().copied().reduce(f64::min)?;
+        Some([low, ends.into_iter().fold(low, f64::max)])
     }
 
     /// Voltages as positions, with those for the background among them.
@@ -228,6 +237,7 @@ fn drive(
     }
     let handle = interlock.handle();
     handle.feed();
+    let steered = observer.steering().map(|steering| Steered::new(steering, &handle));
     let timeline = handle.timeline().clone();
     let [low, high] = handle.limits().range_v();
     if let Some(&value) = plan.motion.ends().iter().find(|v| !(low..=high).contains(*v)) {
@@ -267,6 +277,7 @@ fn drive(
     progress.begin("scan", planned);
     let began = Instant::now();
     handle.feed();
+    observer.phase(Phase::Scanning, &tally);
     let ((ended, report), recorded) = session::run(session, |feed| {
         let mut acquisition = Acquisition::new(&handle, camera.as_mut(), 0);
         let ended = sweeps(&mut acquisition, plan, &watching, feed).err();
@@ -275,6 +286,10 @@ fn drive(
             None => interlock.finish(),
             Some(why) => handle.stop(Reason::Asked(why.to_string())),
         };
+        drop(steered);
+        // Where the recording can't go on, it says so itself.
+        let _ = tell_asked(feed, &handle);
+        observer.phase(Phase::Ending, &tally);
         (ended, report)
     });
     // It is done with: what it says to that changes nothing.
@@ -298,6 +313,22 @@ fn drive(
         warnings: Vec::new(),
         took: began.elapsed(),
     })
+}
+
+/// A scan that can be steered as long as this lives.
+struct Steered<'a>(&'a Steering);
+
+impl<'a> Steered<'a> {
+    fn new(steering: &'a Steering, handle: &uw_hw::interlock::Handle) -> Self {
+        steering.attach(handle);
+        Self(steering)
+    }
+}
+
+impl Drop for Steered<'_> {
+    fn drop(&mut self) {
+        self.0.detach();
+    }
 }
 
 /// Bytes of a frame.
@@ -393,5 +424,21 @@ impl Observer for Watching<'_> {
             profiles.lock().unwrap_or_else(PoisonError::into_inner).insert(number, points);
         }
         self.observer.points(number, cloud);
+    }
+
+    fn exposed(&self, shot: &session::Shot) {
+        self.observer.exposed(shot);
+    }
+
+    fn traced(&self, stripe: &recording::Stripe<'_>, voltage_v: f64, cloud: &PointCloud) {
+        self.observer.traced(stripe, voltage_v, cloud);
+    }
+
+    fn phase(&self, phase: Phase, tally: &Tally) {
+        self.observer.phase(phase, tally);
+    }
+
+    fn steering(&self) -> Option<&Steering> {
+        self.observer.steering()
     }
 }

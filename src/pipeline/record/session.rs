@@ -12,6 +12,7 @@
 //! the recording, has them.
 
 use crate::pipeline::record::live::{Preview, Traced};
+use crate::pipeline::record::steer::{Phase, Steering};
 use crate::pipeline::record::tally::{Loss, Tally};
 use crossbeam_channel::{Receiver, RecvTimeoutError, SendTimeoutError, Sender, TrySendError, bounded};
 use std::collections::VecDeque;
@@ -145,6 +146,16 @@ pub trait Observer: Sync {
     fn recorded(&self, _tally: &Tally) {}
     /// The points of one image, camera frame; none, too.
     fn points(&self, _number: u32, _cloud: &PointCloud) {}
+    /// A frame came from the camera. Called by the thread that paces the exposures: it must not be kept.
+    fn exposed(&self, _shot: &Shot) {}
+    /// The stripe of one image that was lit at a voltage, and its points.
+    fn traced(&self, _stripe: &recording::Stripe<'_>, _voltage_v: f64, _cloud: &PointCloud) {}
+    /// The scan goes on, is held, or drives nothing any more.
+    fn phase(&self, _phase: Phase, _tally: &Tally) {}
+    /// What it is steered by from other threads; `None`: nothing.
+    fn steering(&self) -> Option<&Steering> {
+        None
+    }
 }
 
 /// The queue to extraction.
@@ -168,6 +179,7 @@ impl Offers {
 /// Where acquisition puts what it got.
 pub struct Feed<'s> {
     tally: &'s Tally,
+    observer: &'s dyn Observer,
     timeline: &'s Timeline,
     pressure: Pressure,
     record: Sender<Entry>,
@@ -178,10 +190,15 @@ pub struct Feed<'s> {
     owed: VecDeque<Entry>,
 }
 
-impl Feed<'_> {
+impl<'s> Feed<'s> {
     /// The scan's counts.
-    pub fn tally(&self) -> &Tally {
+    pub fn tally(&self) -> &'s Tally {
         self.tally
+    }
+
+    /// Who is told.
+    pub(crate) fn observer(&self) -> &'s dyn Observer {
+        self.observer
     }
 
     /// The scan's clock.
@@ -196,6 +213,7 @@ impl Feed<'_> {
     /// [`Refused`]: nothing more will be recorded.
     pub fn shot(&mut self, shot: Shot, waiting: &dyn Fn()) -> Result<(), Refused> {
         self.tally.acquired();
+        self.observer.exposed(&shot);
         let preview = (shot.laser_on && self.preview.is_some()).then(|| shot.clone());
         let missing = Missing {
             number: shot.number,
@@ -391,6 +409,7 @@ pub fn run<S: Sink + Send, T>(
                     let late_ns = timeline.stamp_ns().saturating_sub(traced.exposed_ns);
                     tally.previewed(traced.cloud.len(), u64::try_from(late_ns / 1000).unwrap_or(0));
                     observer.points(traced.frame, &traced.cloud);
+                    observer.traced(&traced.stripe(), traced.voltage_v, &traced.cloud);
                     if record.send(Entry::Traced(Box::new(traced))).is_err() {
                         break;
                     }
@@ -400,6 +419,7 @@ pub fn run<S: Sink + Send, T>(
         });
         let mut feed = Feed {
             tally,
+            observer,
             timeline,
             pressure,
             record,

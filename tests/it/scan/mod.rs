@@ -5,6 +5,7 @@
 
 mod faults;
 mod same_cloud;
+mod steering;
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock};
@@ -159,7 +160,12 @@ impl Observer for Quiet {}
 
 /// Scans into `path`; with the calibration a cloud is made.
 pub fn record(instrument: Instrument, plan: &Plan, path: &Path, calibrated: bool) -> Scanned {
-    scan_into(instrument, plan, path, calibrated, 0).unwrap()
+    scan_into(instrument, plan, path, calibrated, 0, &Quiet).unwrap()
+}
+
+/// Scans into `path`, without a cloud, watched.
+pub fn record_watched(instrument: Instrument, plan: &Plan, path: &Path, observer: &dyn Observer) -> Scanned {
+    scan_into(instrument, plan, path, false, 0, observer).unwrap()
 }
 
 /// Scans into `path` as long as so many bytes stay free.
@@ -169,7 +175,7 @@ pub fn record_leaving(
     path: &Path,
     min_free_bytes: u64,
 ) -> Result<Scanned, Failure> {
-    scan_into(instrument, plan, path, false, min_free_bytes)
+    scan_into(instrument, plan, path, false, min_free_bytes, &Quiet)
 }
 
 fn scan_into(
@@ -178,6 +184,7 @@ fn scan_into(
     path: &Path,
     calibrated: bool,
     min_free_bytes: u64,
+    observer: &dyn Observer,
 ) -> Result<Scanned, Failure> {
     let rig = rig();
     let mut head = Head::new(Kind::Scan, Medium::Water, None);
@@ -193,7 +200,7 @@ fn scan_into(
         reconstruct: reconstruct::Settings::default(),
         preview: Method::Robust,
     };
-    scan(instrument, plan, &settings, &Silent, &Quiet)
+    scan(instrument, plan, &settings, &Silent, observer)
 }
 
 /// What a recording holds, by our own reader: numbers and voltages of its images, in order.

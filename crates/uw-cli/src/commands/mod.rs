@@ -20,6 +20,7 @@ pub mod recover;
 pub mod report;
 pub mod reproduce;
 pub mod scan;
+pub mod serve;
 pub mod shapes;
 pub mod simulate;
 
@@ -48,6 +49,7 @@ pub fn run(cli: &Cli, console: &Console) -> anyhow::Result<Outcome> {
         Command::Reconstruct(args) => reconstruct::run(args, console),
         Command::Batch(args) => batch::run(args, console),
         Command::Scan(args) => scan::run(args, console),
+        Command::Serve(args) => serve::run(args, console),
         Command::Fit(args) => fit::run(args, console),
         Command::Mesh(args) => mesh::run(args, console),
         Command::Shapes(args) => shapes::run(args, console),

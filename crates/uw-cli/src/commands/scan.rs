@@ -2,33 +2,38 @@
 
 use std::{
     collections::BTreeMap,
+    net::SocketAddr,
     num::NonZeroU32,
     path::{Path, PathBuf},
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 use anyhow::Context;
-use clap::ValueEnum;
+use clap::{ValueEnum, error::ErrorKind};
 use serde::Serialize;
 use uwscan::{
     hw::interlock::Report,
     io::{
-        CalibrationFile, Kind, Medium, Rig, atomic, calibration_toml, clouds, disk,
+        CalibrationFile, Kind, Medium, Overwrite, Rig, atomic, calibration_toml, clouds, disk,
         recording::{Head, Options},
         vehicle::Vehicle,
     },
+    live::{Feed, Mode},
     pipeline::{
         instrument::{self, Opened, Wanted},
+        live::{Watch, Watched, obey},
         reconstruct,
-        record::{Scanned, Settings, plan::Region, scan, session::Observer},
+        record::{Scanned, Settings, Steering, plan::Region, scan, session::Observer},
     },
     stripe::Method,
 };
 
 use crate::{
+    args::usage_error,
     commands::overwrite,
     console::Console,
     exit::{Outcome, chain},
+    listening::{self, Listening, Live},
     output,
     progress::Progress,
     signals,
@@ -38,7 +43,7 @@ use crate::{
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "The laser is off and the mirror parked on every way out: at the end, after an error, on Ctrl-C and \
-    SIGTERM, and where the scan hangs. What was recorded until then is kept, and the exit code is 3. A second Ctrl-C leaves \
+    SIGTERM, on a client's word (--live), and where the scan hangs. What was recorded until then is kept, and the exit code is 3. A second Ctrl-C leaves \
     at once."
 )]
 pub struct Args {
@@ -66,16 +71,21 @@ pub struct Args {
     /// What is outside the windows [default: water if the rig file has [water], else air]
     #[arg(long)]
     medium: Option<MediumArg>,
+    /// Show the scan in a browser, and let it be steered from there: at this address, or 127.0.0.1:8764
+    #[arg(long, value_name = "ADDR", value_parser = listening::address, num_args = 0..=1, default_missing_value = "127.0.0.1:8764")]
+    live: Option<SocketAddr>,
     /// Replace the outputs if they exist
     #[arg(long)]
     force: bool,
     /// Print one JSON object instead of text
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    listening: Listening,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum MediumArg {
+pub enum MediumArg {
     /// On land
     Air,
     /// Submerged
@@ -132,90 +142,190 @@ struct OnTheFly {
 struct Quiet;
 impl Observer for Quiet {}
 
+/// How long clients get to see how a scan ended.
+const GOODBYE: Duration = Duration::from_secs(1);
+
 /// Scans, records and reconstructs.
 ///
 /// # Errors
 /// The scan could not begin, nothing was recorded, the laser would not go off, or an output can't be written.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
+    if args.live.is_none() && args.listening.is_given() {
+        let what = "--foxglove, --view-token-file and --control-token-file are of a scan that is shown: give --live, too";
+        return Err(usage_error(ErrorKind::MissingRequiredArgument, what));
+    }
     let overwrite = overwrite(args.force);
-    let (vehicle, problems) = Vehicle::read(&args.config)?;
-    console.problems(&problems);
+    let setup = Setup::read(&args.config, args.calibration.as_deref(), args.medium, console)?;
     let target = match &args.output {
         Some(path) => path.clone(),
-        None => disk::next_recording(&vehicle.resolve(&vehicle.disk.folder))?,
+        None => disk::next_recording(&setup.vehicle.resolve(&setup.vehicle.disk.folder))?,
     };
-    let cloud_path = target.with_extension("ply");
-    atomic::check(&target, overwrite)?;
-    let (rig, problems) = Rig::read(&vehicle.resolve(&vehicle.rig))?;
-    console.problems(&problems);
-    let calibration = calibration(args, &vehicle, console)?;
-    if calibration.is_some() {
-        atomic::check(&cloud_path, overwrite)?;
-    } else {
-        console.warn(
-            "no calibration is given: the scan is only recorded (add calibration to the vehicle file, or -c)",
-        );
-    }
-    let medium = match args.medium {
-        Some(MediumArg::Air) => Medium::Air,
-        Some(MediumArg::Water) => Medium::Water,
-        None if rig.water.is_some() => Medium::Water,
-        None => Medium::Air,
-    };
-    let mut head = Head::new(Kind::Scan, medium, None);
-    head.rig = Some(rig.to_toml()?);
-    head.calibration = calibration.as_ref().map(|(_, text)| text.clone());
-
-    let alarm = console.clone();
-    let on_stop = move |report: &Report| report.alarms().iter().for_each(|text| alarm.error(text));
-    let Opened { instrument, recorded, problems, .. } = instrument::open(&vehicle, &rig, on_stop)?;
-    console.problems(&problems);
-    signals::stop_on_signals(instrument.interlock.handle()).context("cannot listen for Ctrl-C")?;
+    setup.check(&target, overwrite)?;
     let coarser = args.adaptive.then(|| args.coarser.get());
     let wanted = Wanted { repeat: args.repeat.get(), regions: args.region.clone(), coarser };
-    let plan = instrument::plan(&vehicle, &wanted, recorded)?;
-    if args.adaptive && (plan.adaptive.is_none() || calibration.is_none()) {
-        anyhow::bail!(
-            "--adaptive needs a calibration, whose points tell where the surface bends, and a sweep by steps \
-             (sweep.mode = \"step\"): give both, or leave --adaptive out"
-        );
-    }
-    let settings = Settings {
-        path: &target,
-        overwrite,
-        recording: Options::default(),
-        min_free_bytes: (vehicle.disk.min_free_mb * 1e6) as u64,
-        head: &head,
-        rig: Some(&rig),
-        calibration: calibration.as_ref().map(|(file, _)| file),
-        reconstruct: reconstruct::Settings::default(),
-        preview: Method::Robust,
-    };
-    let progress = Progress::new(console);
-    let result = scan(instrument, &plan, &settings, &progress, &Quiet);
-    drop(progress);
-    let scanned = result.map_err(|failure| console.failure(failure))?;
-    let outcome = tell(&scanned, console)?;
-    let cloud = match &scanned.made {
-        Some(Ok(made)) => {
-            clouds::write(&cloud_path, overwrite, &made.cloud, clouds::Format::of(&cloud_path)?)?;
-            Some(cloud_path.as_path())
+    let live = args.live.map(|address| args.listening.start(address, console)).transpose()?;
+    let done = match live {
+        None => setup.scan(&target, overwrite, &wanted, None, console),
+        Some(Live { server, feed, asked }) => {
+            let steering = Steering::default();
+            let (theirs, shown) = (steering.clone(), feed.clone());
+            let start = || Err("there is one scan, and it runs already".to_owned());
+            std::thread::Builder::new()
+                .name("uwscan-steer".to_owned())
+                .spawn(move || obey(&asked, &theirs, &shown, &mut { start }))
+                .context("cannot start a thread")?;
+            let done = setup.scan(&target, overwrite, &wanted, Some((feed, steering, Mode::Scan)), console);
+            server.close(GOODBYE);
+            done
         }
-        _ => None,
     };
-    print(args.json, &target, &scanned, cloud, began.elapsed().as_secs_f64())?;
+    let Done { scanned, cloud } = done?;
+    let outcome = tell(&scanned, console)?;
+    print(args.json, &target, &scanned, cloud.as_deref(), began.elapsed().as_secs_f64())?;
     Ok(outcome)
+}
+
+/// What scans are made with.
+pub struct Setup {
+    pub vehicle: Vehicle,
+    rig: Rig,
+    calibration: Option<(CalibrationFile, String)>,
+    medium: Medium,
+}
+
+/// A scan, and its cloud's file where there is one.
+pub struct Done {
+    pub scanned: Scanned,
+    pub cloud: Option<PathBuf>,
+}
+
+impl Setup {
+    /// Reads the files.
+    ///
+    /// # Errors
+    /// One can't be read.
+    pub fn read(
+        config: &Path,
+        calibration: Option<&Path>,
+        medium: Option<MediumArg>,
+        console: &Console,
+    ) -> anyhow::Result<Self> {
+        let (vehicle, problems) = Vehicle::read(config)?;
+        console.problems(&problems);
+        let (rig, problems) = Rig::read(&vehicle.resolve(&vehicle.rig))?;
+        console.problems(&problems);
+        let calibration = self::calibration(calibration, &vehicle, console)?;
+        if calibration.is_none() {
+            console.warn(
+                "no calibration is given: the scan is only recorded (add calibration to the vehicle file, or -c)",
+            );
+        }
+        let medium = match medium {
+            Some(MediumArg::Air) => Medium::Air,
+            Some(MediumArg::Water) => Medium::Water,
+            None if rig.water.is_some() => Medium::Water,
+            None => Medium::Air,
+        };
+        Ok(Self { vehicle, rig, calibration, medium })
+    }
+
+    /// Whether the outputs may be written.
+    ///
+    /// # Errors
+    /// One exists.
+    fn check(&self, target: &Path, overwrite: Overwrite) -> anyhow::Result<()> {
+        atomic::check(target, overwrite)?;
+        if self.calibration.is_some() {
+            atomic::check(&target.with_extension("ply"), overwrite)?;
+        }
+        Ok(())
+    }
+
+    /// Scans once into `target`, shown and steered by `live`.
+    ///
+    /// # Errors
+    /// The scan could not begin, or its cloud can't be written.
+    pub fn scan(
+        &self,
+        target: &Path,
+        overwrite: Overwrite,
+        wanted: &Wanted,
+        live: Option<(Feed, Steering, Mode)>,
+        console: &Console,
+    ) -> anyhow::Result<Done> {
+        let Self { vehicle, rig, calibration, medium } = self;
+        let mut head = Head::new(Kind::Scan, *medium, None);
+        head.rig = Some(rig.to_toml()?);
+        head.calibration = calibration.as_ref().map(|(_, text)| text.clone());
+        let alarm = console.clone();
+        let on_stop = move |report: &Report| report.alarms().iter().for_each(|text| alarm.error(text));
+        let Opened { instrument, recorded, problems, .. } = instrument::open(vehicle, rig, on_stop)?;
+        console.problems(&problems);
+        // A station listens for signals by itself.
+        if live.as_ref().is_none_or(|(_, _, mode)| *mode == Mode::Scan) {
+            signals::stop_on_signals(instrument.interlock.handle()).context("cannot listen for Ctrl-C")?;
+        }
+        let plan = instrument::plan(vehicle, wanted, recorded)?;
+        if wanted.coarser.is_some() && (plan.adaptive.is_none() || calibration.is_none()) {
+            anyhow::bail!(
+                "--adaptive needs a calibration, whose points tell where the surface bends, and a sweep by steps \
+                 (sweep.mode = \"step\"): give both, or leave --adaptive out"
+            );
+        }
+        let calibration = calibration.as_ref().map(|(file, _)| file);
+        let settings = Settings {
+            path: target,
+            overwrite,
+            recording: Options::default(),
+            min_free_bytes: (vehicle.disk.min_free_mb * 1e6) as u64,
+            head: &head,
+            rig: Some(rig),
+            calibration,
+            reconstruct: reconstruct::Settings::default(),
+            preview: Method::Robust,
+        };
+        let watch = live.map(|(feed, steering, mode)| {
+            let camera = &instrument.camera_settings;
+            Watch::new(feed, steering, &Watched { mode, recording: target, plan: &plan, camera, calibration })
+        });
+        let progress = Progress::new(console);
+        let observer: &dyn Observer = watch.as_ref().map_or(&Quiet, |watch| watch);
+        let result = scan(instrument, &plan, &settings, &progress, observer);
+        drop(progress);
+        let done = result.map_err(|failure| console.failure(failure)).and_then(|scanned| {
+            let cloud = written(target, overwrite, &scanned)?;
+            Ok(Done { scanned, cloud })
+        });
+        if let Some(watch) = watch {
+            match &done {
+                Ok(done) => watch.ended(Ok(&done.scanned)),
+                Err(error) => watch.ended(Err(&chain(error))),
+            }
+        }
+        done
+    }
+}
+
+/// Writes the cloud, if there is one, beside the recording.
+fn written(target: &Path, overwrite: Overwrite, scanned: &Scanned) -> anyhow::Result<Option<PathBuf>> {
+    let Some(Ok(made)) = &scanned.made else { return Ok(None) };
+    if scanned.report.laser_off.is_err() || scanned.counts.recorded == 0 {
+        return Ok(None);
+    }
+    let path = target.with_extension("ply");
+    clouds::write(&path, overwrite, &made.cloud, clouds::Format::of(&path)?)?;
+    Ok(Some(path))
 }
 
 /// The calibration and its text, as far as one is named.
 fn calibration(
-    args: &Args,
+    given: Option<&Path>,
     vehicle: &Vehicle,
     console: &Console,
 ) -> anyhow::Result<Option<(CalibrationFile, String)>> {
     let named = vehicle.calibration.as_deref().map(|path| vehicle.resolve(path));
-    let Some(path) = args.calibration.clone().or(named) else { return Ok(None) };
+    let Some(path) = given.map(Path::to_owned).or(named) else { return Ok(None) };
     let (file, problems) = calibration_toml::read(&path)?;
     console.problems(&problems);
     let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
@@ -223,7 +333,7 @@ fn calibration(
 }
 
 /// Tells what went wrong; what that makes of the command's end.
-fn tell(scanned: &Scanned, console: &Console) -> anyhow::Result<Outcome> {
+pub fn tell(scanned: &Scanned, console: &Console) -> anyhow::Result<Outcome> {
     scanned.warnings.iter().for_each(|warning| console.warn(warning));
     if let Some(error) = &scanned.recording_error {
         console.warn(format_args!("the recording was cut off: {error}"));

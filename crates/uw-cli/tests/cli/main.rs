@@ -15,6 +15,7 @@ mod faults;
 mod fits;
 mod infos;
 mod job;
+mod lives;
 mod meshes;
 mod recordings;
 mod reports;

@@ -8,9 +8,11 @@ use prost::encoding::{
     WireType, encode_key, encode_varint, encoded_len_varint, message as nested, string as text,
 };
 
+use uw_calib::Across;
+
 use super::{
-    entries::{Level, Picture, Pose},
-    messages::{foxglove_stamp, stamp},
+    entries::{GalvoState, Level, Picture, Pose, Shot, Stripe},
+    messages::{self, foxglove_stamp, stamp},
 };
 use crate::calibration_toml::CalibrationFile;
 
@@ -75,6 +77,46 @@ fn data(tag: u32, length: usize, buffer: &mut Vec<u8>) {
     buffer.reserve(length + 16 + encoded_len_varint(length as u64));
     encode_key(tag, WireType::LengthDelimited, buffer);
     encode_varint(length as u64, buffer);
+}
+
+pub(super) fn row(shot: &Shot<'_>, image_crc32: Option<u32>, lost: &str) -> messages::Frame {
+    messages::Frame {
+        timestamp: Some(stamp(shot.stamp_ns)),
+        frame: shot.number,
+        file: shot.file.to_owned(),
+        pose: shot.pose,
+        laser_on: shot.laser_on,
+        voltage_v: shot.voltage_v,
+        bits: shot.bits.into(),
+        image_crc32,
+        lost: lost.to_owned(),
+    }
+}
+
+pub(super) fn galvo(state: &GalvoState) -> messages::GalvoState {
+    messages::GalvoState {
+        timestamp: Some(stamp(state.stamp_ns)),
+        frame: state.frame,
+        commanded_v: state.commanded_v,
+        readback_v: state.readback_v,
+        settled: state.settled,
+    }
+}
+
+pub(super) fn profile(stripe: &Stripe<'_>) -> messages::Profile {
+    messages::Profile {
+        timestamp: Some(stamp(stripe.stamp_ns)),
+        frame: stripe.frame,
+        axis: match stripe.across {
+            Across::U => "u".to_owned(),
+            Across::V => "v".to_owned(),
+        },
+        line: stripe.lines.to_vec(),
+        position_px: stripe.position_px.to_vec(),
+        sigma_px: stripe.sigma_px.to_vec(),
+        width_px: stripe.width_px.to_vec(),
+        amplitude: stripe.amplitude.to_vec(),
+    }
 }
 
 /// The points as a `foxglove.PointCloud`: x y z in metres (float64), and whatever else the cloud has; `sigma` and `cov_…` in

@@ -111,6 +111,38 @@ pub(crate) struct Environment {
     pub index: Option<f64>,
 }
 
+/// How a scan is, on the topic [`super::topics::HEALTH`].
+#[derive(Clone, PartialEq, Message)]
+pub(crate) struct Health {
+    /// When it was so.
+    #[prost(message, optional, tag = "1")]
+    pub timestamp: Option<Timestamp>,
+    /// `idle`, `starting`, `scanning`, `paused`, `stopping`, `finished`, `failed` or `replaying`.
+    #[prost(string, tag = "2")]
+    pub phase: String,
+    /// `on`, `off` or `unknown`.
+    #[prost(string, tag = "3")]
+    pub laser: String,
+    /// The galvanometer's voltage at the latest image.
+    #[prost(double, optional, tag = "4")]
+    pub voltage_v: Option<f64>,
+    /// Images that are recorded.
+    #[prost(uint32, tag = "5")]
+    pub frames: u32,
+    /// Images that are wanted.
+    #[prost(uint32, optional, tag = "6")]
+    pub planned: Option<u32>,
+    /// Wanted exposures without an image.
+    #[prost(uint32, tag = "7")]
+    pub lost: u32,
+    /// Points made on the fly.
+    #[prost(uint32, tag = "8")]
+    pub points: u32,
+    /// Images a second.
+    #[prost(double, tag = "9")]
+    pub rate_hz: f64,
+}
+
 const PROTOBUF: &str = "protobuf";
 
 /// A schema as an MCAP file holds it.
@@ -182,6 +214,21 @@ pub(crate) const ENVIRONMENT: Described = (
         ("salinity_psu", 3, Double, Optional),
         ("depth_m", 4, Double, Optional),
         ("index", 5, Double, Optional),
+    ],
+);
+
+pub(crate) const HEALTH: Described = (
+    "Health",
+    &[
+        ("timestamp", 1, Stamp, Optional),
+        ("phase", 2, Text, Optional),
+        ("laser", 3, Text, Optional),
+        ("voltage_v", 4, Double, Optional),
+        ("frames", 5, Uint32, Optional),
+        ("planned", 6, Uint32, Optional),
+        ("lost", 7, Uint32, Optional),
+        ("points", 8, Uint32, Optional),
+        ("rate_hz", 9, Double, Optional),
     ],
 );
 

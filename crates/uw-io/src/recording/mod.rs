@@ -14,6 +14,8 @@
 //! | [`topics::ENVIRONMENT`] | `uwscan.Environment` | temperature, salinity, depth, index |
 //! | [`topics::LOG`] | `foxglove.Log` | what went wrong, and when |
 //!
+//! [`stream`] has the same messages for whoever sends them on as they come.
+//!
 //! `log_time` is when a message was received, `publish_time` when its image was exposed. A [`Recorder`] writes;
 //! [`crate::Capture`] reads, a file that was cut off, too.
 //!
@@ -29,6 +31,7 @@ pub(crate) mod reader;
 mod recorder;
 mod recover;
 mod sink;
+pub mod stream;
 mod walk;
 
 pub(crate) use encode::CAMERA;
@@ -68,4 +71,8 @@ pub mod topics {
     pub const ENVIRONMENT: &str = "/environment";
     /// Messages for people.
     pub const LOG: &str = "/log";
+    /// The stripe as a line on the image; only in streams, as a recording's viewer can draw [`PROFILE`].
+    pub const STRIPE: &str = "/camera/stripe";
+    /// How the scan is; only in streams.
+    pub const HEALTH: &str = "/scan/health";
 }

@@ -8,7 +8,6 @@ use std::{
 
 use foxglove::messages as fox;
 use prost::Message;
-use uw_calib::Across;
 use uw_cloud::PointCloud;
 
 use super::{
@@ -156,17 +155,7 @@ impl<S: Sink> Recorder<S> {
         image_crc32: Option<u32>,
         lost: &str,
     ) -> Result<(), Error> {
-        let row = messages::Frame {
-            timestamp: Some(stamp(shot.stamp_ns)),
-            frame: shot.number,
-            file: shot.file.to_owned(),
-            pose: shot.pose,
-            laser_on: shot.laser_on,
-            voltage_v: shot.voltage_v,
-            bits: shot.bits.into(),
-            image_crc32,
-            lost: lost.to_owned(),
-        };
+        let row = encode::row(shot, image_crc32, lost);
         let channel = self.output.channel(topics::FRAME, 0, || own(messages::FRAME))?;
         let stamps = Stamps { log_ns: received_ns, publish_ns: shot.stamp_ns, sequence: Some(shot.number) };
         self.output.message(channel, stamps, &row.encode_to_vec())
@@ -177,13 +166,7 @@ impl<S: Sink> Recorder<S> {
     /// # Errors
     /// As [`Recorder::new`].
     pub fn galvo(&mut self, state: &GalvoState, received_ns: u64) -> Result<(), Error> {
-        let message = messages::GalvoState {
-            timestamp: Some(stamp(state.stamp_ns)),
-            frame: state.frame,
-            commanded_v: state.commanded_v,
-            readback_v: state.readback_v,
-            settled: state.settled,
-        };
+        let message = encode::galvo(state);
         self.put(topics::GALVO, || own(messages::GALVO), state.stamp_ns, received_ns, &message)
     }
 
@@ -192,19 +175,7 @@ impl<S: Sink> Recorder<S> {
     /// # Errors
     /// As [`Recorder::new`].
     pub fn stripe(&mut self, stripe: &Stripe<'_>, received_ns: u64) -> Result<(), Error> {
-        let message = messages::Profile {
-            timestamp: Some(stamp(stripe.stamp_ns)),
-            frame: stripe.frame,
-            axis: match stripe.across {
-                Across::U => "u".to_owned(),
-                Across::V => "v".to_owned(),
-            },
-            line: stripe.lines.to_vec(),
-            position_px: stripe.position_px.to_vec(),
-            sigma_px: stripe.sigma_px.to_vec(),
-            width_px: stripe.width_px.to_vec(),
-            amplitude: stripe.amplitude.to_vec(),
-        };
+        let message = encode::profile(stripe);
         self.put(topics::PROFILE, || own(messages::PROFILE), stripe.stamp_ns, received_ns, &message)
     }
 
