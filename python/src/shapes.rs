@@ -1,13 +1,12 @@
 //! Shapes that are found by themselves, and surfaces.
 
-use crate::calibration::calibration_of;
 use crate::cloud::cloud_of;
 use crate::errors::OrRaise;
 use crate::fits::{Common, CylinderFit, PlaneFit, SphereFit, sensor};
+use crate::shared::Shared;
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 use uwscan::cloud::{Relation, ShapeFit, ShapeOptions};
-use uwscan::pipeline::uncertainty::SharedErrors;
 
 /// The shapes of a cloud, the one with the most points first: a sequence of SphereFit, PlaneFit and CylinderFit.
 #[pyclass(module = "uwscan", frozen, sequence)]
@@ -84,7 +83,7 @@ impl<'py> IntoPyObject<'py> for AnyFit<'py> {
 /// ----------
 /// points : Cloud or array_like
 ///     Points, (n, 3), mm. A cloud brings its covariances along.
-/// covariance_mm2, sigma_mm, calibration, seed
+/// covariance_mm2, sigma_mm, calibration, index_sigma, seed
 ///     As ``uwscan.fit_sphere`` has them.
 /// max : int, optional
 ///     At most so many shapes, those with the most points.
@@ -109,6 +108,7 @@ impl<'py> IntoPyObject<'py> for AnyFit<'py> {
     max = None,
     sensor_mm: "numpy.typing.ArrayLike | None" = None,
     calibration: "Calibration | str | os.PathLike[str] | None" = None,
+    index_sigma = None,
     seed = 1,
 ) -> "Shapes")]
 #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
@@ -120,25 +120,29 @@ pub fn find_shapes(
     max: Option<usize>,
     sensor_mm: Option<&Bound<'_, PyAny>>,
     calibration: Option<&Bound<'_, PyAny>>,
+    index_sigma: Option<f64>,
     seed: u64,
 ) -> PyResult<Shapes> {
     let options = ShapeOptions { max, sensor_mm: sensor(sensor_mm)?, seed };
     let cloud = cloud_of(points, covariance_mm2, sigma_mm)?;
-    let calibration = calibration.map(calibration_of).transpose()?;
+    let shared = Shared::of(py, calibration, index_sigma)?;
     let made = py.detach(|| {
         let found = uwscan::cloud::find_shapes(&cloud, &options).map_err(uwscan::Error::Fit)?;
-        let parts = match &calibration {
-            Some(file) => {
-                let mut shared = SharedErrors::new(&cloud, &file.calibration)?;
-                let parts = found.shapes.iter().map(|shape| shared.of(shape.fit.influence()));
+        let mut told = None;
+        let parts = match &shared {
+            Some(shared) => {
+                let (mut errors, warning) = shared.errors(&cloud)?;
+                told = warning;
+                let parts = found.shapes.iter().map(|shape| errors.of(shape.fit.influence()));
                 Some(parts.collect::<Result<Vec<_>, _>>()?)
             }
             None => None,
         };
         let relations = uwscan::cloud::relations(&cloud, &found.shapes, parts.as_deref());
-        Ok::<_, uwscan::Error>((found, parts, relations))
+        Ok::<_, uwscan::Error>((found, parts, relations, told))
     });
-    let (found, parts, relations) = made.or_raise(py)?;
+    let (found, parts, relations, told) = made.or_raise(py)?;
+    crate::errors::warn(py, &[], told.as_slice())?;
     let fits = PyList::empty(py);
     for (at, shape) in found.shapes.into_iter().enumerate() {
         let covariance = shape.fit.covariance();
