@@ -18,10 +18,12 @@ if TYPE_CHECKING:
 
 #: Arrows that a figure draws at most: more hide each other.
 _MOST_ARROWS = 4000
+#: Cells across an image at most.
+_MOST_CELLS = 1000
 #: Fewest measurements that a cell's figure is drawn from.
 _FEWEST = 3
 #: Length of the longest arrows but a few, as a share of the image's width.
-_LONG = 0.05
+_LONG = 0.08
 
 
 def residual_vectors(
@@ -41,7 +43,7 @@ def residual_vectors(
     medium : str, optional
         "air" or "water": only the placements there.
     magnified : float, optional
-        How many times longer arrows are drawn than they are; by default so that 98 % of them are shorter than a twentieth of the image.
+        How many times longer arrows are drawn than they are; by default so that 98 % of them are shorter than a twelfth of the image.
     outliers : bool, default False
         Draw those, too, that were sorted out.
     ax : matplotlib.axes.Axes, optional
@@ -68,7 +70,7 @@ def residual_vectors(
     times = magnified or _round_down(_LONG * width / long)
     ax = axes(ax)
     drawn = ax.quiver(
-        *at.T, *off.T, size, angles="xy", scale_units="xy", scale=1 / times, cmap="viridis", norm=Normalize(0, long), width=0.0025
+        *at.T, *off.T, size, angles="xy", scale_units="xy", scale=1 / times, cmap="viridis", norm=Normalize(0, long), width=0.003
     )
     bar(ax, drawn, "residual, px", "max" if size.max() > long else "neither")
     pixels(ax, calibration.image_size)
@@ -114,8 +116,8 @@ def residual_map(
     remains = _remains(calibration)
     if what not in ("corners", "stripes") or show not in ("rms", "mean"):
         raise errors.InputError(f'what must be "corners" or "stripes", show "rms" or "mean", got {what!r} and {show!r}')
-    if cells < 1:
-        raise errors.InputError(f"cells must be 1 or more, got {cells}")
+    if not 1 <= cells <= _MOST_CELLS:
+        raise errors.InputError(f"cells must be from 1 to {_MOST_CELLS}, got {cells}")
     table = remains.corners if what == "corners" else remains.stripes
     shown = _shown(remains, table, medium, outliers=False)
     at, off = table.pixel[shown], table.residual_px[shown]
@@ -144,10 +146,12 @@ def residual_map(
     bar(ax, drawn, named, "both" if high and low else "max" if high else "min" if low else "neither")
     if show == "mean" and what == "corners":
         middle = np.stack(np.meshgrid((u[1:] + u[:-1]) / 2, (v[1:] + v[:-1]) / 2), axis=-1).reshape(-1, 2)
-        # The longest arrow but a few is as long as half a cell.
-        scale = top / (0.5 * (u[1] - u[0]))
-        for colour, wide in (("black", 0.006), ("white", 0.0035)):
-            ax.quiver(*middle[known].T, *mean[known].T, angles="xy", scale_units="xy", scale=scale, color=colour, width=wide, pivot="mid")
+        # The longest arrow but a few is as long as a cell is wide.
+        scale = top / (u[1] - u[0])
+        for colour, wide in (("black", 0.009), ("white", 0.0045)):
+            ax.quiver(
+                *middle[known].T, *mean[known].T, angles="xy", scale_units="xy", scale=scale, color=colour, width=wide, pivot="mid", zorder=3
+            )
     ax.set_facecolor("0.85")
     pixels(ax, calibration.image_size)
     ax.set_title(f"{len(at)} {what if what == 'corners' else 'stripe points'}{_where(medium)}; grey: fewer than {_FEWEST}", fontsize="medium")
