@@ -5,6 +5,8 @@ use crate::errors::OrRaise;
 use crate::fits::{Common, CylinderFit, PlaneFit, SphereFit, sensor};
 use crate::shared::Shared;
 use pyo3::prelude::*;
+#[cfg(feature = "stubs")]
+use pyo3::type_hint_union;
 use pyo3::types::PyList;
 use uwscan::cloud::{Relation, ShapeFit, ShapeOptions};
 
@@ -65,8 +67,9 @@ impl<'py> IntoPyObject<'py> for AnyFit<'py> {
     type Target = PyAny;
     type Output = Bound<'py, PyAny>;
     type Error = std::convert::Infallible;
+    // The macro is imported, since it calls itself by its bare name.
     #[cfg(feature = "stubs")]
-    const OUTPUT_TYPE: pyo3::inspect::PyStaticExpr = pyo3::type_hint_union!(
+    const OUTPUT_TYPE: pyo3::inspect::PyStaticExpr = type_hint_union!(
         <SphereFit as pyo3::PyTypeInfo>::TYPE_HINT,
         <PlaneFit as pyo3::PyTypeInfo>::TYPE_HINT,
         <CylinderFit as pyo3::PyTypeInfo>::TYPE_HINT
