@@ -55,6 +55,10 @@ impl Shapes {
         Ok(AnyFit(self.fits.bind(py).as_any().get_item(index)?))
     }
 
+    fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<FitIterator<'py>> {
+        Ok(FitIterator(self.fits.bind(py).as_any().try_iter()?.into_any()))
+    }
+
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
         Ok(format!("Shapes({}, unassigned_points={})", self.fits.bind(py).repr()?, self.unassigned))
     }
@@ -73,6 +77,24 @@ impl<'py> IntoPyObject<'py> for AnyFit<'py> {
         <SphereFit as pyo3::PyTypeInfo>::TYPE_HINT,
         <PlaneFit as pyo3::PyTypeInfo>::TYPE_HINT,
         <CylinderFit as pyo3::PyTypeInfo>::TYPE_HINT
+    );
+
+    fn into_pyobject(self, _: Python<'py>) -> Result<Self::Output, Self::Error> {
+        Ok(self.0)
+    }
+}
+
+/// Fits of any kind, one after the other.
+struct FitIterator<'py>(Bound<'py, PyAny>);
+
+impl<'py> IntoPyObject<'py> for FitIterator<'py> {
+    type Target = PyAny;
+    type Output = Bound<'py, PyAny>;
+    type Error = std::convert::Infallible;
+    #[cfg(feature = "stubs")]
+    const OUTPUT_TYPE: pyo3::inspect::PyStaticExpr = pyo3::type_hint_subscript!(
+        pyo3::type_hint_identifier!("collections.abc", "Iterator"),
+        <AnyFit<'py> as IntoPyObject<'py>>::OUTPUT_TYPE
     );
 
     fn into_pyobject(self, _: Python<'py>) -> Result<Self::Output, Self::Error> {

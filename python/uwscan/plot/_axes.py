@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 try:
     import matplotlib.pyplot as plt
@@ -23,7 +23,7 @@ MOST_POINTS = 200_000
 def axes(ax: Axes | None, size: tuple[float, float] = (6.4, 4.8)) -> Axes:
     if ax is not None:
         return ax
-    return cast(Axes, plt.subplots(figsize=size, layout="constrained")[1])
+    return plt.subplots(figsize=size, layout="constrained")[1]
 
 
 def bar(ax: Axes, drawn: Any, label: str, extend: Literal["neither", "both", "min", "max"] = "neither") -> None:

@@ -199,7 +199,7 @@ def residual_histogram(
     beyond = int(np.sum(np.abs(off) > 5))
     ax = axes(ax)
     named = f"{off.size} residuals, σ = {np.std(off):.2f}" + (f", {beyond} beyond" if beyond else "")
-    ax.hist(off, edges, color=BLUE, alpha=0.75, label=named)
+    ax.hist(off, edges.tolist(), color=BLUE, alpha=0.75, label=named)
     x = np.linspace(-5, 5, 400)
     ax.plot(x, np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi) * off.size * (edges[1] - edges[0]), color=ORANGE, label="normal, σ = 1")
     ax.set(xlabel=f"residual of {what}, standard deviations{_where(medium)}", ylabel="residuals in a class", xlim=(-5, 5))

@@ -9,12 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize, TwoSlopeNorm
 
 from .. import errors
+from .._uwscan import Cloud
 from ._axes import BLUE, COVERED, DIVERGING, MOST_POINTS, ORANGE, axes, bar, pixels
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from .._uwscan import CircleFit, Cloud, CylinderFit, PlaneFit, SphereFit, Stripe
+    from .._uwscan import CircleFit, CylinderFit, PlaneFit, SphereFit, Stripe
 
     Fit = SphereFit | PlaneFit | CylinderFit | CircleFit
 
@@ -190,7 +191,7 @@ def deviation_histogram(
     -------
     matplotlib.axes.Axes
     """
-    at: Any = points.points_mm if hasattr(points, "points_mm") else points
+    at = points.points_mm if isinstance(points, Cloud) else points
     off = fit.deviations_mm(at)
     middle = float(np.median(off))
     # Of a normal distribution, the median distance from the median is 0.6745 sigmas.
@@ -199,7 +200,7 @@ def deviation_histogram(
     edges = np.linspace(-limit, limit, bins + 1)
     beyond = int(np.sum(np.abs(off) > limit))
     ax = axes(ax)
-    ax.hist(off, edges, color=BLUE, alpha=0.75, label=f"{off.size - beyond} points" + (f", {beyond} beyond" if beyond else ""))
+    ax.hist(off, edges.tolist(), color=BLUE, alpha=0.75, label=f"{off.size - beyond} points" + (f", {beyond} beyond" if beyond else ""))
     if spread > 0:
         x = np.linspace(-limit, limit, 400)
         bell = np.exp(-0.5 * ((x - middle) / spread) ** 2) / (spread * np.sqrt(2 * np.pi))
