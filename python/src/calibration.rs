@@ -1,8 +1,9 @@
 //! A calibration: the instrument as estimated, and how well it is known.
 
-use crate::convert::Out;
+use crate::convert::{Out, pose_rows};
 use crate::errors::{Class, OrRaise, error, type_name, warn};
 use crate::model::Scanner;
+use crate::residuals::Residuals;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
@@ -23,6 +24,8 @@ pub fn overwrite(replace: bool) -> Overwrite {
 #[pyclass(module = "uwscan", frozen)]
 pub struct Calibration {
     pub file: Arc<CalibrationFile>,
+    /// What remained of each measurement, of one that was just made by the joint method.
+    pub remains: Option<Py<Residuals>>,
 }
 
 #[pymethods]
@@ -37,7 +40,7 @@ impl Calibration {
     pub fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let (file, problems) = py.detach(|| calibration_toml::read(&path)).or_raise(py)?;
         warn(py, &problems, &[])?;
-        Ok(Self { file: Arc::new(file) })
+        Ok(Self { file: Arc::new(file), remains: None })
     }
 
     /// Writes a calibration file (TOML), whole or not at all.
@@ -89,9 +92,7 @@ impl Calibration {
     /// Galvanometer frame in the camera frame, (4, 4) float64, mm: ``p_camera = camera_from_galvo @ [*p_galvo, 1]``.
     #[getter]
     fn camera_from_galvo<'py>(&self, py: Python<'py>) -> PyResult<Out<'py, f64>> {
-        let m = self.file.calibration.scanner().camera_from_galvo().isometry().to_homogeneous();
-        let rows: [[f64; 4]; 4] = std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)]));
-        Out::matrix(py, &rows)
+        Out::matrix(py, &pose_rows(&self.file.calibration.scanner().camera_from_galvo().isometry()))
     }
 
     /// Every figure of the instrument by its name, which ends in its unit.
@@ -201,6 +202,13 @@ impl Calibration {
             all.set_item(name, value as f64)?;
         }
         Ok(Table(all))
+    }
+
+    /// What remained of every corner and stripe point; None for a calibration that was read from a file, which does not hold them, and for one by the
+    /// paper's method.
+    #[getter]
+    fn residuals(&self, py: Python<'_>) -> Option<Py<Residuals>> {
+        self.remains.as_ref().map(|remains| remains.clone_ref(py))
     }
 
     fn __repr__(&self) -> String {

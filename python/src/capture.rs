@@ -7,6 +7,8 @@ use numpy::{PyArray, PyArrayMethods};
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
+#[cfg(feature = "stubs")]
+use pyo3::type_hint_union;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use uwscan::io::{self, FrameRecord, Pixels, Reduce};
@@ -231,8 +233,9 @@ impl<'py> IntoPyObject<'py> for Image<'py> {
     type Target = PyAny;
     type Output = Bound<'py, PyAny>;
     type Error = std::convert::Infallible;
+    // The macro is imported, since it calls itself by its bare name.
     #[cfg(feature = "stubs")]
-    const OUTPUT_TYPE: pyo3::inspect::PyStaticExpr = pyo3::type_hint_union!(
+    const OUTPUT_TYPE: pyo3::inspect::PyStaticExpr = type_hint_union!(
         <Out<'py, u8> as IntoPyObject<'py>>::OUTPUT_TYPE,
         <Out<'py, u16> as IntoPyObject<'py>>::OUTPUT_TYPE
     );

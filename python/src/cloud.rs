@@ -117,7 +117,7 @@ impl Cloud {
         Ok(Self::of(cloud))
     }
 
-    /// The cloud of a file: .ply, .pcd, .xyz, .csv or .e57.
+    /// The cloud of a file: .ply, .pcd, .xyz, .csv or .e57; .las and .laz where the module was built with its feature ``las``.
     ///
     /// Raises
     /// ------
@@ -130,7 +130,8 @@ impl Cloud {
         Ok(Self::of(cloud))
     }
 
-    /// Writes the cloud, whole or not at all: .ply or .pcd (binary), .xyz, .csv or .e57; what a format can't hold is left out.
+    /// Writes the cloud, whole or not at all: .ply or .pcd (binary), .xyz, .csv or .e57 (.las and .laz with the
+    /// feature ``las``); what a format can't hold is left out.
     ///
     /// Raises
     /// ------
@@ -189,6 +190,20 @@ impl Cloud {
             Ok(array.into_any().unbind())
         };
         Ok(Some(Out::known(self.covariances.get_or_try_init(py, unpack)?.bind(py).clone())))
+    }
+
+    /// Unit normals of the surface, (n, 3) float32, towards the sensor; (0, 0, 0) where the neighbours tell none. None where the cloud has none:
+    /// ``uwscan.estimate_normals`` makes them.
+    #[getter]
+    fn normals<'py>(slf: &Bound<'py, Self>) -> MaybeFloats<'py> {
+        slf.get().inner.normals().map(|normals| lend_rows(slf.as_any(), normals)).transpose()
+    }
+
+    /// Signed distance of each point from a reference, (n,) float32, mm, as ``uwscan.compare`` measured or a file tells it; None where the cloud has
+    /// none.
+    #[getter]
+    fn deviation_mm<'py>(slf: &Bound<'py, Self>) -> MaybeFloats<'py> {
+        lent(slf, slf.get().inner.deviations_mm())
     }
 
     /// Frame of the coordinates: ``"camera"`` or ``"galvo"``.

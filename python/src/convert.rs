@@ -193,7 +193,7 @@ macro_rules! scalars {
     )*};
 }
 
-scalars!(f32 => "float32", f64 => "float64", u8 => "uint8", u16 => "uint16", u32 => "uint32", i64 => "int64");
+scalars!(bool => "bool_", f32 => "float32", f64 => "float64", u8 => "uint8", u16 => "uint16", u32 => "uint32", i64 => "int64");
 
 /// An array for Python, its element type known to type checkers.
 pub struct Out<'py, T>(Bound<'py, PyAny>, PhantomData<T>);
@@ -215,6 +215,13 @@ impl<'py, T: Scalar> Out<'py, T> {
         Ok(Self::new(PyArray::from_vec(py, rows.into_flattened()).reshape(shape)?))
     }
 
+    /// Matrices one upon the other, (k, N, N).
+    pub fn matrices<const N: usize>(py: Python<'py>, matrices: Vec<[[T; N]; N]>) -> PyResult<Self> {
+        let shape = [matrices.len(), N, N];
+        let values = matrices.into_flattened().into_flattened();
+        Ok(Self::new(PyArray::from_vec(py, values).reshape(shape)?))
+    }
+
     /// A matrix.
     pub fn matrix<const N: usize>(py: Python<'py>, rows: &[[T; N]]) -> PyResult<Self>
     where
@@ -232,6 +239,17 @@ impl<'py, T: Scalar> Out<'py, T> {
     pub fn known(array: Bound<'py, PyAny>) -> Self {
         Self(array, PhantomData)
     }
+}
+
+/// The rows of a pose's matrix, (4, 4).
+pub fn pose_rows(pose: &nalgebra::Isometry3<f64>) -> [[f64; 4]; 4] {
+    let m = pose.to_homogeneous();
+    std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)]))
+}
+
+/// The rows of a covariance of six.
+pub fn six_rows(m: &nalgebra::Matrix6<f64>) -> [[f64; 6]; 6] {
+    std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)]))
 }
 
 impl<'py> Out<'py, f64> {

@@ -4,7 +4,7 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use std::io::ErrorKind;
 use uwscan::calib::CalibError;
-use uwscan::cloud::{CloudError, FitError, MeshError, SurfaceError};
+use uwscan::cloud::{CloudError, FitError, MergeError, MeshError, ReferenceError, SurfaceError};
 use uwscan::geom::GeomError;
 use uwscan::io;
 use uwscan::stripe::StripeError;
@@ -23,6 +23,7 @@ pub enum Class {
     Capture,
     Calibration,
     Fit,
+    Alignment,
     Geometry,
     Surface,
     Simulation,
@@ -42,6 +43,7 @@ impl Class {
             Self::Capture => "CaptureError",
             Self::Calibration => "CalibrationError",
             Self::Fit => "FitError",
+            Self::Alignment => "AlignmentError",
             Self::Geometry => "GeometryError",
             Self::Surface => "SurfaceError",
             Self::Simulation => "SimulationError",
@@ -95,6 +97,8 @@ by_class! {
     GeomError => Geometry,
     MeshError => Input,
     SurfaceError => Surface,
+    ReferenceError => Alignment,
+    MergeError => Alignment,
     CalibError => Calibration,
 }
 
@@ -131,7 +135,15 @@ impl IntoPyErr for Error {
             Self::Fit(error) => return error.into_py_err(py),
             Self::Cancelled => return pyo3::exceptions::PyKeyboardInterrupt::new_err(()),
             Self::Instrument(_) => Class::Instrument,
-            Self::Plan(_) | Self::Stripe { .. } => Class::Input,
+            Self::Plan(_)
+            | Self::Stripe { .. }
+            | Self::PageName { .. }
+            | Self::OwnInput { .. }
+            | Self::CalibrationNeeded { .. }
+            | Self::MeshForCloud { .. } => Class::Input,
+            Self::Shapes { .. } => Class::Fit,
+            Self::Surface { .. } => Class::Surface,
+            Self::Reference { .. } => Class::Alignment,
             Self::Calibration(_)
             | Self::PaperCalibration
             | Self::NoCovariance

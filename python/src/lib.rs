@@ -5,16 +5,20 @@
 //! | `convert` | arrays in, borrowed; arrays out, owned or lent |
 //! | `errors` | the library's errors as classes of `uwscan.errors` |
 //! | `long` | long calls: threads, progress, Ctrl-C |
-//! | `stripe`, `noise`, `capture`, `calibration`, `cloud`, `mesh`, `fits`, `shapes`, `model` | one class or family each |
-//! | `jobs`, `batch` | calibrate, reconstruct, simulate; one recording of an archive |
+//! | `stripe`, `noise`, `capture`, `calibration`, `residuals`, `cloud`, `mesh`, `fits`, `shapes`, `model` | one class or family each |
+//! | `shared` | the calibration's part of a measurement's uncertainty |
+//! | `care`, `align` | outliers, normals, thinning; comparing and merging |
+//! | `jobs`, `reports`, `batch` | calibrate, reconstruct, simulate; pages; one recording of an archive |
 //!
 //! Docstrings are these doc comments, in NumPy's style; signatures say their types to what makes stubs of them (feature `stubs`).
 #![allow(clippy::needless_pass_by_value, reason = "arguments of Python's functions are extracted by value")]
 #![allow(missing_docs, reason = "the names are Python's, and documented where that shows them")]
 
+mod align;
 mod batch;
 mod calibration;
 mod capture;
+mod care;
 mod cloud;
 mod convert;
 mod errors;
@@ -24,18 +28,25 @@ mod long;
 mod mesh;
 mod model;
 mod noise;
+mod reports;
+mod residuals;
 mod shapes;
+mod shared;
 mod stripe;
 
 /// The compiled part of uwscan; import `uwscan` instead.
 #[pyo3::pymodule]
 mod _uwscan {
     #[pymodule_export]
+    use crate::align::{Comparison, Merged, compare, merge};
+    #[pymodule_export]
     use crate::batch::{batch_fail, batch_jobs, batch_one, batch_table};
     #[pymodule_export]
     use crate::calibration::Calibration;
     #[pymodule_export]
     use crate::capture::{Capture, Frame, Frames, open_capture};
+    #[pymodule_export]
+    use crate::care::{average, estimate_normals, find_outliers, thin};
     #[pymodule_export]
     use crate::cloud::Cloud;
     #[pymodule_export]
@@ -50,6 +61,10 @@ mod _uwscan {
     use crate::model::{Camera, Fan, Galvo, Port, Scanner, water_index};
     #[pymodule_export]
     use crate::noise::NoiseModel;
+    #[pymodule_export]
+    use crate::reports::report;
+    #[pymodule_export]
+    use crate::residuals::{ResidualTable, Residuals};
     #[pymodule_export]
     use crate::shapes::{Shapes, find_shapes};
     #[pymodule_export]

@@ -3,7 +3,7 @@
 use crate::calibration::overwrite;
 use crate::cloud::cloud_of;
 use crate::convert::{Out, lend, lend_rows, row_arrays, table, triple};
-use crate::errors::{OrRaise, input, warn};
+use crate::errors::{Class, OrRaise, error, input, type_name, warn};
 use numpy::ndarray::ArrayView1;
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -34,7 +34,7 @@ use uwscan::io::meshes;
 /// 0.5
 #[pyclass(module = "uwscan", frozen)]
 pub struct Mesh {
-    inner: TriangleMesh,
+    pub inner: TriangleMesh,
     /// Which point of the cloud each vertex is.
     points: Option<Vec<u32>>,
 }
@@ -207,4 +207,17 @@ pub fn triangulate_surface(
     let cloud = cloud_of(cloud, None, None)?;
     let made = py.detach(|| triangulate(&cloud, &options)).or_raise(py)?;
     Ok(Mesh { inner: made.mesh, points: Some(made.points) })
+}
+
+/// A mesh, or the path of its file, as an argument.
+pub fn mesh_of<'py>(name: &str, any: &Bound<'py, PyAny>) -> PyResult<Bound<'py, Mesh>> {
+    let py = any.py();
+    if let Ok(mesh) = any.cast::<Mesh>() {
+        return Ok(mesh.clone());
+    }
+    let path: PathBuf = any.extract().map_err(|_| {
+        let got = type_name(any);
+        error(py, Class::Dtype, format!("{name} must be a Mesh or a path, got {got}"))
+    })?;
+    Bound::new(py, Mesh::load(py, path)?)
 }

@@ -1,13 +1,14 @@
 //! Shapes that are found by themselves, and surfaces.
 
-use crate::calibration::calibration_of;
 use crate::cloud::cloud_of;
 use crate::errors::OrRaise;
 use crate::fits::{Common, CylinderFit, PlaneFit, SphereFit, sensor};
+use crate::shared::Shared;
 use pyo3::prelude::*;
+#[cfg(feature = "stubs")]
+use pyo3::type_hint_union;
 use pyo3::types::PyList;
 use uwscan::cloud::{Relation, ShapeFit, ShapeOptions};
-use uwscan::pipeline::uncertainty::SharedErrors;
 
 /// The shapes of a cloud, the one with the most points first: a sequence of SphereFit, PlaneFit and CylinderFit.
 #[pyclass(module = "uwscan", frozen, sequence)]
@@ -54,6 +55,10 @@ impl Shapes {
         Ok(AnyFit(self.fits.bind(py).as_any().get_item(index)?))
     }
 
+    fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<FitIterator<'py>> {
+        Ok(FitIterator(self.fits.bind(py).as_any().try_iter()?.into_any()))
+    }
+
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
         Ok(format!("Shapes({}, unassigned_points={})", self.fits.bind(py).repr()?, self.unassigned))
     }
@@ -66,11 +71,30 @@ impl<'py> IntoPyObject<'py> for AnyFit<'py> {
     type Target = PyAny;
     type Output = Bound<'py, PyAny>;
     type Error = std::convert::Infallible;
+    // The macro is imported, since it calls itself by its bare name.
     #[cfg(feature = "stubs")]
-    const OUTPUT_TYPE: pyo3::inspect::PyStaticExpr = pyo3::type_hint_union!(
+    const OUTPUT_TYPE: pyo3::inspect::PyStaticExpr = type_hint_union!(
         <SphereFit as pyo3::PyTypeInfo>::TYPE_HINT,
         <PlaneFit as pyo3::PyTypeInfo>::TYPE_HINT,
         <CylinderFit as pyo3::PyTypeInfo>::TYPE_HINT
+    );
+
+    fn into_pyobject(self, _: Python<'py>) -> Result<Self::Output, Self::Error> {
+        Ok(self.0)
+    }
+}
+
+/// Fits of any kind, one after the other.
+struct FitIterator<'py>(Bound<'py, PyAny>);
+
+impl<'py> IntoPyObject<'py> for FitIterator<'py> {
+    type Target = PyAny;
+    type Output = Bound<'py, PyAny>;
+    type Error = std::convert::Infallible;
+    #[cfg(feature = "stubs")]
+    const OUTPUT_TYPE: pyo3::inspect::PyStaticExpr = pyo3::type_hint_subscript!(
+        pyo3::type_hint_identifier!("collections.abc", "Iterator"),
+        <AnyFit<'py> as IntoPyObject<'py>>::OUTPUT_TYPE
     );
 
     fn into_pyobject(self, _: Python<'py>) -> Result<Self::Output, Self::Error> {
@@ -84,7 +108,7 @@ impl<'py> IntoPyObject<'py> for AnyFit<'py> {
 /// ----------
 /// points : Cloud or array_like
 ///     Points, (n, 3), mm. A cloud brings its covariances along.
-/// covariance_mm2, sigma_mm, calibration, seed
+/// covariance_mm2, sigma_mm, calibration, index_sigma, seed
 ///     As ``uwscan.fit_sphere`` has them.
 /// max : int, optional
 ///     At most so many shapes, those with the most points.
@@ -109,6 +133,7 @@ impl<'py> IntoPyObject<'py> for AnyFit<'py> {
     max = None,
     sensor_mm: "numpy.typing.ArrayLike | None" = None,
     calibration: "Calibration | str | os.PathLike[str] | None" = None,
+    index_sigma = None,
     seed = 1,
 ) -> "Shapes")]
 #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
@@ -120,25 +145,29 @@ pub fn find_shapes(
     max: Option<usize>,
     sensor_mm: Option<&Bound<'_, PyAny>>,
     calibration: Option<&Bound<'_, PyAny>>,
+    index_sigma: Option<f64>,
     seed: u64,
 ) -> PyResult<Shapes> {
     let options = ShapeOptions { max, sensor_mm: sensor(sensor_mm)?, seed };
     let cloud = cloud_of(points, covariance_mm2, sigma_mm)?;
-    let calibration = calibration.map(calibration_of).transpose()?;
+    let shared = Shared::of(py, calibration, index_sigma)?;
     let made = py.detach(|| {
         let found = uwscan::cloud::find_shapes(&cloud, &options).map_err(uwscan::Error::Fit)?;
-        let parts = match &calibration {
-            Some(file) => {
-                let mut shared = SharedErrors::new(&cloud, &file.calibration)?;
-                let parts = found.shapes.iter().map(|shape| shared.of(shape.fit.influence()));
+        let mut told = None;
+        let parts = match &shared {
+            Some(shared) => {
+                let (mut errors, warning) = shared.errors(&cloud)?;
+                told = warning;
+                let parts = found.shapes.iter().map(|shape| errors.of(shape.fit.influence()));
                 Some(parts.collect::<Result<Vec<_>, _>>()?)
             }
             None => None,
         };
         let relations = uwscan::cloud::relations(&cloud, &found.shapes, parts.as_deref());
-        Ok::<_, uwscan::Error>((found, parts, relations))
+        Ok::<_, uwscan::Error>((found, parts, relations, told))
     });
-    let (found, parts, relations) = made.or_raise(py)?;
+    let (found, parts, relations, told) = made.or_raise(py)?;
+    crate::errors::warn(py, &[], told.as_slice())?;
     let fits = PyList::empty(py);
     for (at, shape) in found.shapes.into_iter().enumerate() {
         let covariance = shape.fit.covariance();

@@ -13,6 +13,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 
 from uwscan import plot  # noqa: E402
+from uwscan.plot import _calibration  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
@@ -74,6 +75,6 @@ def test_uncertainty_grows_with_depth(calibration):
     pixel = [[np.linspace(0, 767, 30)[15], 288.0]]
     origin, direction = scanner.back_project(pixel, index=index)
     point = origin + (z - origin[:, 2:]) / direction[:, 2:] * direction
-    voltage = plot._voltages(calibration, point, index)
+    voltage = _calibration._voltages(calibration, point, index)
     moved = scanner.triangulate(np.add(pixel, [[0.1, 0]]), voltage, index=index)
     assert np.linalg.norm(moved - point) == pytest.approx(middle[15], rel=1e-3)

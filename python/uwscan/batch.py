@@ -7,6 +7,7 @@ run does only what is missing. A recording that fails is a row of the table and 
 
 from __future__ import annotations
 
+import importlib
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -75,7 +76,8 @@ def run(
         Without dask.distributed.
     """
     try:
-        from distributed import Client, LocalCluster, as_completed
+        # It has no types to check by.
+        distributed: Any = importlib.import_module("distributed")
     except ImportError as e:
         raise ImportError("uwscan.batch needs Dask: pip install uwscan[dask]") from e
     source, target = Path(folder).absolute(), Path(output).absolute()
@@ -92,8 +94,8 @@ def run(
     if client is None:
         if address is None:
             number = min(workers or os.cpu_count() or 1, len(jobs))
-            cluster = LocalCluster(n_workers=number, threads_per_worker=1, processes=True, dashboard_address=None)
-        client = Client(address if cluster is None else cluster)
+            cluster = distributed.LocalCluster(n_workers=number, threads_per_worker=1, processes=True, dashboard_address=None)
+        client = distributed.Client(address if cluster is None else cluster)
         ours = True
     else:
         ours = False
@@ -106,7 +108,7 @@ def run(
             for name, path in jobs
         }  # fmt: skip
         rows: dict[str, dict[str, Any]] = {}
-        for future in as_completed(list(futures)):
+        for future in distributed.as_completed(list(futures)):
             name, path = futures[future]
             error = future.exception()
             if isinstance(error, errors.InputError):

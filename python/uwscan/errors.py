@@ -6,6 +6,7 @@ Messages are those of the command `uwscan`: they name the file, the place in it,
 from __future__ import annotations
 
 __all__ = [
+    "AlignmentError",
     "CalibrationError",
     "CaptureError",
     "DtypeError",
@@ -75,6 +76,10 @@ class CalibrationError(UwscanError, ValueError):
 
 class FitError(UwscanError, ValueError):
     """The points hold no such shape, or do not determine one."""
+
+
+class AlignmentError(UwscanError, ValueError):
+    """A cloud does not come to lie on a reference or on the other clouds, or does so in several ways."""
 
 
 class GeometryError(UwscanError, ValueError):

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from . import errors, interchange
-
-if TYPE_CHECKING:
-    from ._uwscan import Cloud, Mesh
+from ._uwscan import Cloud, Mesh
 
 __all__ = ["show"]
 
+_ALL: tuple[Literal["open3d", "pyvista", "rerun"], ...] = ("open3d", "pyvista", "rerun")
 _PROGRAMS = {"open3d": "open3d", "pyvista": "pyvista", "rerun": "rerun"}
 
 
@@ -40,7 +39,8 @@ def show(what: Cloud | Mesh, *, program: Literal["open3d", "pyvista", "rerun"] |
         Where none of them, or not the one that was asked for, is installed.
     """
     if program is None:
-        program = next((p for p in ("open3d", "pyvista", "rerun") if find_spec(_PROGRAMS[p])), None)  # type: ignore[assignment]
+        installed: list[Literal["open3d", "pyvista", "rerun"]] = [p for p in _ALL if find_spec(_PROGRAMS[p])]
+        program = installed[0] if installed else None
         if program is None:
             raise ImportError("uwscan.viewer needs open3d, pyvista or rerun-sdk: pip install one of them")
     if program not in _PROGRAMS:
@@ -66,7 +66,7 @@ def _rerun(what: Cloud | Mesh, name: str) -> Any:
     import rerun  # type: ignore[import-not-found, import-untyped, unused-ignore]
 
     rerun.init(name, spawn=True)
-    if hasattr(what, "points_mm"):
+    if isinstance(what, Cloud):
         z = what.points_mm[:, 2]
         share = np.interp(z, np.percentile(z, [2, 98]), [0, 255]).astype(np.uint8)
         colours = np.stack([share, 255 - share, np.full_like(share, 160)], axis=1)

@@ -163,7 +163,7 @@ pub fn calibrate_in_full(
         warnings: Vec::new(),
     };
     calibration.warnings = diagnostics::warnings(observations, rig, &calibration, &state);
-    let remains = remains(observations, &state, &used);
+    let remains = remains(observations, &state, &used, scales);
     Ok((calibration, remains))
 }
 

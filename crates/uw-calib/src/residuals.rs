@@ -1,7 +1,7 @@
 //! What remained of every measurement of a calibration: for maps and plots, where statistics hide what is systematic.
 
 use crate::data::{Observations, Outside};
-use crate::joint::{State, Used, corner_residuals, stripe_residuals};
+use crate::joint::{Scales, State, Used, corner_residuals, stripe_residuals};
 use nalgebra::Vector2;
 use uw_geom::Rigid;
 use uw_geom::frame::{Board, Camera};
@@ -30,6 +30,9 @@ pub struct CornerRemains {
     pub pixel: Vector2<f64>,
     /// Where the model puts it less where it was seen, px.
     pub residual_px: Vector2<f64>,
+    /// The same in standard deviations, as it was weighted: along two axes that make its errors independent, of unit variance where the predicted
+    /// covariance and the common scale are right.
+    pub standardised: Vector2<f64>,
     /// Whether it took part.
     pub used: bool,
 }
@@ -52,12 +55,21 @@ pub struct StripePointRemains {
     pub pixel: Vector2<f64>,
     /// The model less the measurement, along the measured coordinate, px.
     pub residual_px: f64,
+    /// Distance of the board's point seen there from the sheet, mm.
+    pub off_sheet_mm: f64,
+    /// The residual in standard deviations, as it was weighted.
+    pub standardised: f64,
     /// Whether it took part.
     pub used: bool,
 }
 
 /// The residuals of all placements at a state.
-pub(crate) fn remains(observations: &Observations, state: &State, used: &Used) -> Vec<ViewResiduals> {
+pub(crate) fn remains(
+    observations: &Observations,
+    state: &State,
+    used: &Used,
+    scales: Scales,
+) -> Vec<ViewResiduals> {
     observations
         .views
         .iter()
@@ -67,7 +79,14 @@ pub(crate) fn remains(observations: &Observations, state: &State, used: &Used) -
             let stripes = view.stripes.iter().zip(&used.stripes[i]).map(|(stripe, used)| {
                 let rows = stripe_residuals(state, i, view, stripe, observations.across);
                 let points = stripe.points.iter().zip(rows).zip(used).filter_map(|((point, row), used)| {
-                    Some(StripePointRemains { pixel: point.pixel, residual_px: row?.px, used: *used })
+                    let row = row?;
+                    Some(StripePointRemains {
+                        pixel: point.pixel,
+                        residual_px: row.px,
+                        off_sheet_mm: row.mm,
+                        standardised: row.px / (point.sigma_px * scales.stripe_pooled),
+                        used: *used,
+                    })
                 });
                 let (file, voltage_v) = (stripe.file.clone(), stripe.voltage_v);
                 StripeRemains { file, voltage_v, points: points.collect() }
@@ -80,7 +99,13 @@ pub(crate) fn remains(observations: &Observations, state: &State, used: &Used) -
                 middle_board_mm: middle / view.corners.len().max(1) as f64,
                 corners: corners
                     .filter_map(|((corner, row), used)| {
-                        Some(CornerRemains { pixel: corner.pixel, residual_px: row?.px, used: *used })
+                        let row = row?;
+                        Some(CornerRemains {
+                            pixel: corner.pixel,
+                            residual_px: row.px,
+                            standardised: row.whitened / scales.corner,
+                            used: *used,
+                        })
                     })
                     .collect(),
                 stripes: stripes.collect(),
