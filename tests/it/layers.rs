@@ -34,8 +34,7 @@ const NEVER: &[(&str, &[&[&str]])] = &[
     ("uw-hw", &[&["csv", "image", "toml"], LOGS, TERMINAL]),
     ("uw-report", &[FILES, CLOCKS_AND_CHANCE, LOGS, TERMINAL, &["serde"]]),
     ("uw-calib", &[FILES, CLOCKS_AND_CHANCE, LOGS, TERMINAL]),
-    // The k-d tree carries `tracing` along, unused, and that `log` where another crate of the workspace asks for it: docs/adr/0023-k-d-tree.md.
-    ("uw-cloud", &[FILES, CLOCKS_AND_CHANCE, TERMINAL, &["serde"]]),
+    ("uw-cloud", &[FILES, CLOCKS_AND_CHANCE, LOGS, TERMINAL, &["serde"]]),
     // Its noise is drawn from seeds; the time of an exposure is given to it.
     ("uw-sim", &[FILES, LOGS, TERMINAL, &["serde"]]),
     ("uw-io", &[TERMINAL]),

@@ -22,6 +22,7 @@ mod compare;
 mod consensus;
 mod cylinder;
 mod deviations;
+mod eigen;
 mod error;
 mod fit;
 mod floor;

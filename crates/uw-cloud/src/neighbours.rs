@@ -1,13 +1,76 @@
-//! Which points are near: a k-d tree over positions.
+//! Which points are near: a k-d tree over positions, asked for one place or for all of its own points at once.
+//!
+//! The points lie in the order of the tree's leaves, which hold some ten each, so that what is near in space is near in memory. Each branch
+//! halves its points along the longest side of their box; where the halves lie follows from their number, and only the cut is stored. Points at
+//! one distance are taken by their index, so that an answer does not depend on how the tree was made.
 
 use crate::error::CloudError;
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use std::num::NonZero;
+use rayon::prelude::*;
+
+/// Points of a leaf at most. Neighbourhoods of a leaf's points are looked for together.
+const LEAF: usize = 12;
+
+/// Points from which on work is shared among threads.
+pub(crate) const MANY: usize = 50_000;
+
+/// Candidates of a leaf's neighbourhoods by the points of one, from which on each point is asked for alone: one astray makes the leaf long.
+const CROWDED: usize = 40;
 
 /// A k-d tree over a cloud's positions.
 pub struct Neighbours {
-    tree: ImmutableKdTree<f64, 3>,
-    count: usize,
+    /// The points in the order of the leaves.
+    sites: Vec<Site>,
+    /// The branches' cuts; the children of the i-th are 2 i + 1 and 2 i + 2.
+    cuts: Vec<Cut>,
+}
+
+#[derive(Clone, Copy)]
+struct Site {
+    at: [f64; 3],
+    index: u32,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Cut {
+    at: f64,
+    axis: u32,
+}
+
+/// A point near a place: squared distance, mm², index and place in the tree.
+#[derive(Clone, Copy)]
+struct Near {
+    distance2: f64,
+    index: u32,
+    slot: u32,
+}
+
+impl Near {
+    fn is_before(&self, other: &Self) -> bool {
+        self.distance2 < other.distance2 || self.distance2 <= other.distance2 && self.index < other.index
+    }
+
+    fn order(&self, other: &Self) -> std::cmp::Ordering {
+        self.distance2.total_cmp(&other.distance2).then(self.index.cmp(&other.index))
+    }
+}
+
+/// A node and its points, and how far its part of space is from a place at least: squared, along each axis.
+#[derive(Clone, Copy)]
+struct Part {
+    node: usize,
+    from: usize,
+    to: usize,
+    off2: [f64; 3],
+}
+
+/// The neighbourhood of one of the points.
+pub(crate) struct Hood<'a> {
+    /// The point.
+    pub(crate) place: [f64; 3],
+    /// Its nearest points, itself among them, in no order to rely on but always the same.
+    pub(crate) near: &'a [[f64; 3]],
+    /// Squared distances of these, mm².
+    pub(crate) distances2: &'a [f64],
 }
 
 impl Neighbours {
@@ -20,43 +83,414 @@ impl Neighbours {
         if let Some(index) = positions_mm.iter().position(|p| !usable(p)) {
             return Err(CloudError::NonFinite { attribute: "position", index });
         }
-        let tree = ImmutableKdTree::new_from_slice(positions_mm);
-        let tree = tree.map_err(|_| CloudError::TooMany { got: positions_mm.len() })?;
-        Ok(Self { tree, count: positions_mm.len() })
+        if u32::try_from(positions_mm.len()).is_err() {
+            return Err(CloudError::TooMany { got: positions_mm.len() });
+        }
+        let mut sites: Vec<Site> =
+            positions_mm.iter().zip(0..).map(|(at, index)| Site { at: *at, index }).collect();
+        let mut branches = 0;
+        while sites.len() > LEAF * (branches + 1) {
+            branches = 2 * branches + 1;
+        }
+        let mut cuts = vec![Cut::default(); branches];
+        let depth = (branches + 1).ilog2();
+        let mut levels = Vec::new();
+        let mut rest = cuts.as_mut_slice();
+        for level in 0..depth {
+            let (own, deeper) = rest.split_at_mut(1 << level);
+            levels.push(own);
+            rest = deeper;
+        }
+        halve(&mut sites, levels);
+        Ok(Self { sites, cuts })
     }
 
     /// Returns the number of points.
     pub fn len(&self) -> usize {
-        self.count
+        self.sites.len()
     }
 
     /// Returns whether there are none.
     pub fn is_empty(&self) -> bool {
-        self.count == 0
+        self.sites.is_empty()
     }
 
-    /// Returns the `count` points nearest to a place, as (squared distance in mm², index), the nearest first.
+    /// Returns the `count` points nearest to a place, as (squared distance in mm², index), the nearest first, of equals the one of lower index.
     pub fn nearest(&self, place_mm: &[f64; 3], count: usize) -> Vec<(f64, usize)> {
-        let Some(count) = NonZero::new(count.min(self.count)) else { return Vec::new() };
-        let found = self.tree.query(place_mm).nearest_n::<SquaredEuclidean<f64>>(count).execute();
-        found.into_iter().map(|near| (near.distance, near.item as usize)).collect()
+        let mut best = Vec::new();
+        self.nearest_into(place_mm, count, &mut best);
+        best.into_iter().map(|near| (near.distance2, near.index as usize)).collect()
+    }
+
+    /// Fills `best` with the `count` points nearest to a place, the nearest first.
+    fn nearest_into(&self, place_mm: &[f64; 3], count: usize, best: &mut Vec<Near>) {
+        best.clear();
+        let count = count.min(self.len());
+        if count > 0 {
+            best.reserve(count + 1);
+            self.nearer(self.whole(), place_mm, count, best);
+        }
     }
 
     /// Returns the point nearest to a place, as (squared distance in mm², index); `None` of no points.
     pub fn nearest_one(&self, place_mm: &[f64; 3]) -> Option<(f64, usize)> {
-        if self.count == 0 {
-            return None;
-        }
-        let near = self.tree.query(place_mm).nearest_one::<SquaredEuclidean<f64>>().execute();
-        Some((near.distance, near.item as usize))
+        let mut best = NOWHERE;
+        self.nearest_of(self.whole(), place_mm, &mut best);
+        (!self.is_empty()).then_some((best.distance2, best.index as usize))
     }
 
     /// Returns the points within a distance of a place, as (squared distance in mm², index), in no order to rely on but always the same.
     pub fn within(&self, place_mm: &[f64; 3], reach_mm: f64) -> Vec<(f64, usize)> {
-        if self.count == 0 || !reach_mm.is_finite() {
-            return Vec::new();
+        let mut found = Vec::new();
+        if reach_mm.is_finite() {
+            self.each_within(self.whole(), place_mm, reach_mm * reach_mm, &mut |near| {
+                found.push((near.distance2, near.index as usize));
+            });
         }
-        let query = self.tree.query(place_mm).within::<SquaredEuclidean<f64>>(reach_mm * reach_mm);
-        query.unsorted().execute().into_iter().map(|near| (near.distance, near.item as usize)).collect()
+        found
+    }
+
+    /// Returns what comes of each point's neighbourhood, in the order of the points: of its first so many neighbours, or where nothing
+    /// comes of these, of so many as are named next.
+    ///
+    /// The points of a leaf are looked at together: whatever is near one of them is near the leaf's middle. Large clouds are shared among
+    /// threads; what comes of it is the same.
+    pub(crate) fn of_all<T: Copy + Send>(
+        &self,
+        counts: &[usize],
+        of: impl Fn(&Hood<'_>) -> Option<T> + Sync,
+    ) -> Vec<Option<T>> {
+        let leaves = self.leaves();
+        let told = |leaves: &[(usize, usize)]| {
+            let mut scratch = Scratch::default();
+            let mut told = Vec::with_capacity(leaves.len() * LEAF);
+            for &(from, to) in leaves {
+                let first = told.len();
+                told.resize(first + to - from, None);
+                for &count in counts.iter().filter(|count| **count > 0) {
+                    self.of_leaf(&self.sites[from..to], count, &of, &mut told[first..], &mut scratch);
+                }
+            }
+            told
+        };
+        let in_order: Vec<Option<T>> = if self.len() < MANY {
+            told(&leaves)
+        } else {
+            leaves.par_chunks(256).flat_map_iter(told).collect()
+        };
+        let mut all = vec![None; self.len()];
+        for (site, told) in self.sites.iter().zip(in_order) {
+            all[site.index as usize] = told;
+        }
+        all
+    }
+
+    /// Returns from where to where each leaf's points lie.
+    fn leaves(&self) -> Vec<(usize, usize)> {
+        let mut ranges = vec![(0, self.len())];
+        while ranges.len() <= self.cuts.len() {
+            ranges = ranges.iter().flat_map(|&(a, b)| [(a, a + (b - a) / 2), (a + (b - a) / 2, b)]).collect();
+        }
+        ranges
+    }
+
+    /// Asks for those points of a leaf that nothing came of yet.
+    fn of_leaf<T>(
+        &self,
+        leaf: &[Site],
+        count: usize,
+        of: &impl Fn(&Hood<'_>) -> Option<T>,
+        told: &mut [Option<T>],
+        scratch: &mut Scratch,
+    ) {
+        if told.iter().all(Option::is_some) {
+            return;
+        }
+        let count = count.min(self.len());
+        let middle = middle(leaf);
+        let half = leaf.iter().map(|site| square(&site.at, &middle)).fold(0.0, f64::max).sqrt();
+        let Scratch { best, candidates, near, distances2 } = scratch;
+        self.nearest_into(&middle, count, best);
+        // So many are within this of the middle; a point half away has as many within half more, and they are within another half of the middle.
+        let own = best.last().map_or(0.0, |last| last.distance2.sqrt());
+        let reach = (own + 2.0 * half) * ROUNDED_UP;
+        candidates.clear();
+        self.each_within(self.whole(), &middle, reach * reach, &mut |near| {
+            candidates.push(self.sites[near.slot as usize]);
+        });
+        let crowded = candidates.len() > CROWDED * count.max(8);
+        let (mut bound, mut previous) = (f64::INFINITY, middle);
+        for (site, told) in leaf.iter().zip(told).filter(|(_, told)| told.is_none()) {
+            if crowded {
+                self.nearest_into(&site.at, count, best);
+            } else {
+                // What was found for the point before bounds it as well.
+                let arm = square(&site.at, &middle).sqrt();
+                let bounds = (own + arm).min(bound + square(&site.at, &previous).sqrt()) * ROUNDED_UP;
+                let bounds2 = bounds * bounds;
+                // Each is written where the next one that is near enough belongs: no branch has to be guessed.
+                best.resize(candidates.len(), NOWHERE);
+                let mut enough = 0;
+                for (candidate, slot) in candidates.iter().zip(0..) {
+                    let distance2 = square(&site.at, &candidate.at);
+                    best[enough] = Near { distance2, index: candidate.index, slot };
+                    enough += usize::from(distance2 <= bounds2);
+                }
+                best.truncate(enough);
+                if best.len() > count {
+                    best.select_nth_unstable_by(count - 1, Near::order);
+                    best.truncate(count);
+                }
+            }
+            let places: &[Site] = if crowded { &self.sites } else { candidates };
+            near.clear();
+            near.extend(best.iter().map(|near| places[near.slot as usize].at));
+            distances2.clear();
+            distances2.extend(best.iter().map(|near| near.distance2));
+            bound = distances2.iter().copied().fold(0.0, f64::max).sqrt();
+            previous = site.at;
+            *told = of(&Hood { place: site.at, near, distances2 });
+        }
+    }
+
+    fn whole(&self) -> Part {
+        Part { node: 0, from: 0, to: self.len(), off2: [0.0; 3] }
+    }
+
+    /// Returns the halves of a part, the one that a place is in first; `None` of a leaf.
+    #[inline]
+    fn halves(&self, part: &Part, place: &[f64; 3]) -> Option<(Part, Part)> {
+        let cut = self.cuts.get(part.node)?;
+        let middle = part.from + (part.to - part.from) / 2;
+        let beyond = place[cut.axis as usize] - cut.at;
+        let mut off2 = part.off2;
+        off2[cut.axis as usize] = beyond * beyond;
+        let (low, high) = (2 * part.node + 1, 2 * part.node + 2);
+        Some(if beyond < 0.0 {
+            (Part { node: low, to: middle, ..*part }, Part { node: high, from: middle, off2, ..*part })
+        } else {
+            (Part { node: high, from: middle, ..*part }, Part { node: low, to: middle, off2, ..*part })
+        })
+    }
+
+    /// Returns the points of a leaf as they are from a place.
+    #[inline]
+    fn seen<'a>(&'a self, part: &Part, place: &'a [f64; 3]) -> impl Iterator<Item = Near> + 'a {
+        let sites = self.sites[part.from..part.to].iter().zip(part.from as u32..);
+        sites.map(|(site, slot)| Near { distance2: square(&site.at, place), index: site.index, slot })
+    }
+
+    fn nearer(&self, part: Part, place: &[f64; 3], count: usize, best: &mut Vec<Near>) {
+        match self.halves(&part, place) {
+            Some((own, other)) => {
+                self.nearer(own, place, count, best);
+                if best.len() < count || other.off2.iter().sum::<f64>() <= best[count - 1].distance2 {
+                    self.nearer(other, place, count, best);
+                }
+            }
+            None => {
+                for near in self.seen(&part, place) {
+                    if best.len() == count {
+                        if !near.is_before(&best[count - 1]) {
+                            continue;
+                        }
+                        best.pop();
+                    }
+                    best.push(near);
+                    let mut at = best.len() - 1;
+                    while at > 0 && near.is_before(&best[at - 1]) {
+                        best[at] = best[at - 1];
+                        at -= 1;
+                    }
+                    best[at] = near;
+                }
+            }
+        }
+    }
+
+    fn nearest_of(&self, part: Part, place: &[f64; 3], best: &mut Near) {
+        match self.halves(&part, place) {
+            Some((own, other)) => {
+                self.nearest_of(own, place, best);
+                if other.off2.iter().sum::<f64>() <= best.distance2 {
+                    self.nearest_of(other, place, best);
+                }
+            }
+            None => {
+                for near in self.seen(&part, place) {
+                    if near.is_before(best) {
+                        *best = near;
+                    }
+                }
+            }
+        }
+    }
+
+    fn each_within(&self, part: Part, place: &[f64; 3], reach2: f64, found: &mut impl FnMut(Near)) {
+        match self.halves(&part, place) {
+            Some((own, other)) => {
+                self.each_within(own, place, reach2, found);
+                if other.off2.iter().sum::<f64>() <= reach2 {
+                    self.each_within(other, place, reach2, found);
+                }
+            }
+            None => self.seen(&part, place).filter(|near| near.distance2 <= reach2).for_each(found),
+        }
+    }
+}
+
+/// What is farther than anything.
+const NOWHERE: Near = Near { distance2: f64::INFINITY, index: u32::MAX, slot: 0 };
+
+/// A bound of a few sums and roots, rounded up.
+const ROUNDED_UP: f64 = 1.0 + 1e-12;
+
+/// What one leaf after the other is worked on in.
+#[derive(Default)]
+struct Scratch {
+    best: Vec<Near>,
+    candidates: Vec<Site>,
+    near: Vec<[f64; 3]>,
+    distances2: Vec<f64>,
+}
+
+/// Puts points in the order of leaves, and fills the branches' cuts, by level.
+fn halve(sites: &mut [Site], mut levels: Vec<&mut [Cut]>) {
+    let Some((cut, _)) = levels.first_mut().and_then(|own| own.split_first_mut()) else { return };
+    let (low, high) = corners(sites);
+    let side = |axis: usize| high[axis] - low[axis];
+    let axis = (1..3).fold(0, |longest, axis| if side(axis) > side(longest) { axis } else { longest });
+    let middle = sites.len() / 2;
+    let order = |a: &Site, b: &Site| a.at[axis].total_cmp(&b.at[axis]).then(a.index.cmp(&b.index));
+    let (_, first, _) = sites.select_nth_unstable_by(middle, order);
+    *cut = Cut { at: first.at[axis], axis: axis as u32 };
+    let (mut low, mut high) = (Vec::with_capacity(levels.len()), Vec::with_capacity(levels.len()));
+    for own in levels.into_iter().skip(1) {
+        let half = own.len() / 2;
+        let (first, second) = own.split_at_mut(half);
+        low.push(first);
+        high.push(second);
+    }
+    let (first, second) = sites.split_at_mut(middle);
+    if first.len() < MANY {
+        halve(first, low);
+        halve(second, high);
+    } else {
+        rayon::join(|| halve(first, low), || halve(second, high));
+    }
+}
+
+fn corners(sites: &[Site]) -> ([f64; 3], [f64; 3]) {
+    sites.iter().fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(low, high), site| {
+        (std::array::from_fn(|k| low[k].min(site.at[k])), std::array::from_fn(|k| high[k].max(site.at[k])))
+    })
+}
+
+fn middle(sites: &[Site]) -> [f64; 3] {
+    let (low, high) = corners(sites);
+    std::array::from_fn(|k| 0.5 * (low[k] + high[k]))
+}
+
+#[inline]
+fn square(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    let [x, y, z] = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    x * x + y * y + z * z
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robust::Random;
+
+    /// Points on a grid, at random, on a line, all in one place, and with one far astray.
+    fn clouds() -> Vec<Vec<[f64; 3]>> {
+        let mut random = Random::new(5);
+        let mut number = || random.share() * 20.0 - 10.0;
+        let grid = (0..700).map(|i| [i % 10, i / 10 % 10, i / 100].map(f64::from)).collect();
+        let line = (0..300).map(|i| [0.1 * f64::from(i), 0.0, 5.0]).collect();
+        let anywhere: Vec<_> = (0..900).map(|_| [number(), number(), 0.1 * number()]).collect();
+        let mut astray = anywhere.clone();
+        astray[13] = [1e7, -3.0, 2.0];
+        vec![grid, anywhere, line, vec![[1.0, 2.0, 3.0]; 200], astray, vec![[0.5; 3]; 3], Vec::new()]
+    }
+
+    /// What is nearest by looking at all of them.
+    fn nearest(points: &[[f64; 3]], place: &[f64; 3], count: usize) -> Vec<(f64, usize)> {
+        let mut all: Vec<_> = points.iter().zip(0..).map(|(p, i)| (square(p, place), i)).collect();
+        all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        all.truncate(count);
+        all
+    }
+
+    #[test]
+    fn neighbours_are_those_that_a_look_at_all_finds() {
+        for points in clouds() {
+            let tree = Neighbours::new(&points).unwrap();
+            let mut random = Random::new(6);
+            let places = (0..60).map(|_| [0, 1, 2].map(|_| random.share() * 24.0 - 12.0));
+            for place in places.chain(points.iter().copied().take(40)) {
+                for count in [1, 7, 24, 2000] {
+                    assert_eq!(tree.nearest(&place, count), nearest(&points, &place, count));
+                }
+                assert_eq!(tree.nearest_one(&place), nearest(&points, &place, 1).first().copied());
+                let mut within = tree.within(&place, 3.0);
+                within.sort_by_key(|near| near.1);
+                let all = nearest(&points, &place, points.len());
+                let mut near: Vec<_> = all.into_iter().filter(|near| near.0 <= 9.0).collect();
+                near.sort_by_key(|near| near.1);
+                assert_eq!(within, near);
+            }
+        }
+    }
+
+    #[test]
+    fn all_at_once_are_those_of_each() {
+        for points in clouds() {
+            let tree = Neighbours::new(&points).unwrap();
+            // Nothing comes of eight for some of the points.
+            let enough = |place: &[f64; 3]| place[0].to_bits().count_ones() % 3 > 0;
+            let of = |hood: &Hood<'_>| {
+                let mut all: Vec<_> = hood
+                    .distances2
+                    .iter()
+                    .zip(hood.near)
+                    .map(|(d, p)| (d.to_bits(), p.map(f64::to_bits)))
+                    .collect();
+                all.sort_unstable();
+                let known = all.iter().fold(0, |sum: u64, (d, p)| {
+                    [*d, p[0], p[1], p[2]]
+                        .iter()
+                        .fold(sum, |sum, bits| sum.rotate_left(5).wrapping_add(*bits))
+                });
+                (enough(&hood.place) || hood.near.len() > 8 || points.len() < 9)
+                    .then_some((hood.near.len(), known))
+            };
+            let told = tree.of_all(&[8, 30], of);
+            for (i, told) in told.iter().enumerate() {
+                let count = if enough(&points[i]) { 8 } else { 30 };
+                let near = nearest(&points, &points[i], count);
+                let hood = Hood {
+                    place: points[i],
+                    near: &near.iter().map(|n| points[n.1]).collect::<Vec<_>>(),
+                    distances2: &near.iter().map(|n| n.0).collect::<Vec<_>>(),
+                };
+                assert_eq!(*told, of(&hood), "{i}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_large_tree_is_the_same_on_many_threads() {
+        let mut random = Random::new(7);
+        let points: Vec<[f64; 3]> =
+            (0..2 * MANY + 7).map(|_| [random.share(), random.share(), 0.0]).collect();
+        let tree = Neighbours::new(&points).unwrap();
+        let farthest = |hood: &Hood<'_>| hood.distances2.iter().copied().max_by(f64::total_cmp);
+        let told = tree.of_all(&[9], farthest);
+        for i in (0..points.len()).step_by(997) {
+            assert_eq!(told[i], tree.nearest(&points[i], 9).last().map(|near| near.0));
+        }
+        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        assert_eq!(told, one.install(|| tree.of_all(&[9], farthest)));
     }
 }

@@ -1,8 +1,9 @@
 //! Which way the surface faces at a point: the plane through its neighbours.
 
 use crate::cloud::PointCloud;
+use crate::eigen::least;
 use crate::error::CloudError;
-use crate::neighbours::Neighbours;
+use crate::neighbours::{Hood, Neighbours};
 use nalgebra::{Matrix3, Vector3};
 
 /// Neighbours that a normal is taken from: on a scan, three stripes of eight.
@@ -34,36 +35,56 @@ pub fn local_plane(
     count: usize,
     sensor_mm: &[f64; 3],
 ) -> Option<LocalPlane> {
-    let few = count.max(4);
-    [few, 4 * few].into_iter().find_map(|count| {
+    counts(count).into_iter().find_map(|count| {
         let near = neighbours.nearest(place_mm, count);
         let reach_mm = near.last()?.0.sqrt();
-        let (normal, variance) = plane_of(near.iter().map(|&(_, i)| Vector3::from(positions_mm[i])))?;
-        let towards = normal.dot(&(Vector3::from(*sensor_mm) - Vector3::from(*place_mm)));
-        let normal = if towards < 0.0 { -normal } else { normal };
-        Some(LocalPlane { normal, roughness_mm: variance.sqrt(), reach_mm })
+        plane_of(near.iter().map(|&(_, i)| positions_mm[i]), place_mm, sensor_mm, reach_mm)
     })
 }
 
-/// Returns the unit normal of the plane of least squares through points and the mean square about it, per degree of freedom.
-fn plane_of(points: impl ExactSizeIterator<Item = Vector3<f64>> + Clone) -> Option<(Vector3<f64>, f64)> {
+/// As many neighbours as are asked for first, and where these tell no plane.
+fn counts(count: usize) -> [usize; 2] {
+    let few = count.max(4);
+    [few, 4 * few]
+}
+
+fn plane_of_hood(hood: &Hood<'_>, sensor_mm: &[f64; 3]) -> Option<LocalPlane> {
+    let reach_mm = hood.distances2.iter().copied().fold(0.0, f64::max).sqrt();
+    plane_of(hood.near.iter().copied(), &hood.place, sensor_mm, reach_mm)
+}
+
+/// Returns the plane of least squares through points near a place.
+fn plane_of(
+    points: impl ExactSizeIterator<Item = [f64; 3]>,
+    place_mm: &[f64; 3],
+    sensor_mm: &[f64; 3],
+    reach_mm: f64,
+) -> Option<LocalPlane> {
     let count = points.len() as f64;
-    let mean = points.clone().sum::<Vector3<f64>>() / count;
-    let mut spread = Matrix3::zeros();
-    for arm in points.map(|p| p - mean) {
-        spread += arm * arm.transpose();
-    }
-    if count < 4.0 || !spread.iter().all(|s| s.is_finite()) {
+    if count < 4.0 {
         return None;
     }
-    let eigen = spread.symmetric_eigen();
-    let mut order = [0, 1, 2];
-    order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
-    let [least, middle, most] = order.map(|k| eigen.eigenvalues[k].max(0.0));
+    // About the place, which is no farther from the points than they are from each other: no digits are lost.
+    let (mut sum, mut squares) = ([0.0; 3], [0.0; 6]);
+    for point in points {
+        let [x, y, z]: [f64; 3] = std::array::from_fn(|k| point[k] - place_mm[k]);
+        [x, y, z].iter().zip(&mut sum).for_each(|(arm, sum)| *sum += arm);
+        let products = [x * x, x * y, x * z, y * y, y * z, z * z];
+        products.iter().zip(&mut squares).for_each(|(product, sum)| *sum += product);
+    }
+    let [x, y, z] = sum.map(|sum| sum / count);
+    let [xx, xy, xz, yy, yz, zz] = squares;
+    let (xx, xy, xz) = (xx - x * sum[0], xy - x * sum[1], xz - x * sum[2]);
+    let (yy, yz, zz) = (yy - y * sum[1], yz - y * sum[2], zz - z * sum[2]);
+    let eigen = least(&Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz))?;
+    let [least, middle, most] = eigen.values.map(|value| value.max(0.0));
     // Noise spreads points off their line as well as off their plane.
-    let broad = middle > LEAST_BREADTH * most && middle > 4.0 * least;
-    let normal: Vector3<f64> = eigen.eigenvectors.column(order[0]).into_owned();
-    (broad && normal.norm() > 0.5).then(|| (normal, least / (count - 3.0)))
+    if !(middle > LEAST_BREADTH * most && middle > 4.0 * least) {
+        return None;
+    }
+    let towards = eigen.axis.dot(&(Vector3::from(*sensor_mm) - Vector3::from(*place_mm)));
+    let normal = if towards < 0.0 { -eigen.axis } else { eigen.axis };
+    Some(LocalPlane { normal, roughness_mm: (least / (count - 3.0)).sqrt(), reach_mm })
 }
 
 /// Returns the unit normal at every point of a cloud, towards the sensor (a place in the cloud's frame, mm), from `count`
@@ -76,10 +97,8 @@ pub fn normals(
     count: usize,
     sensor_mm: &[f64; 3],
 ) -> Result<Vec<Option<[f64; 3]>>, CloudError> {
-    let positions = cloud.positions_mm();
-    let neighbours = Neighbours::new(positions)?;
-    let normal = |p| local_plane(positions, &neighbours, p, count, sensor_mm).map(|l| l.normal.into());
-    Ok(positions.iter().map(normal).collect())
+    let neighbours = Neighbours::new(cloud.positions_mm())?;
+    Ok(neighbours.of_all(&counts(count), |hood| plane_of_hood(hood, sensor_mm).map(|l| l.normal.into())))
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use crate::cloud::PointCloud;
 use crate::error::CloudError;
-use crate::neighbours::Neighbours;
+use crate::neighbours::{Hood, Neighbours};
 use crate::robust::{median, scale_about_zero};
 use nalgebra::{Matrix3, Vector3};
 use std::collections::HashMap;
@@ -18,15 +18,15 @@ const NEIGHBOURS: usize = 12;
 /// # Errors
 /// [`CloudError`] for a position that is no finite number.
 pub fn sparse_outliers(cloud: &PointCloud, limit: f64) -> Result<Vec<bool>, CloudError> {
-    let positions = cloud.positions_mm();
-    let neighbours = Neighbours::new(positions)?;
-    let lonely = |p: &[f64; 3]| {
-        let near = neighbours.nearest(p, NEIGHBOURS + 1);
-        let mean = near.iter().skip(1).map(|(square, _)| square.sqrt()).sum::<f64>()
-            / near.len().saturating_sub(1).max(1) as f64;
-        mean.max(f64::MIN_POSITIVE).ln()
+    let neighbours = Neighbours::new(cloud.positions_mm())?;
+    // Itself is among them, at no distance.
+    let lonely = |hood: &Hood<'_>| {
+        let others = hood.distances2.len().saturating_sub(1).max(1);
+        let mean = hood.distances2.iter().map(|square| square.sqrt()).sum::<f64>() / others as f64;
+        Some(mean.max(f64::MIN_POSITIVE).ln())
     };
-    let measures: Vec<f64> = positions.iter().map(lonely).collect();
+    let told = neighbours.of_all(&[NEIGHBOURS + 1], lonely);
+    let measures: Vec<f64> = told.into_iter().flatten().collect();
     let middle = median(&mut measures.clone());
     // A grid's spacing is all the same: then a point is lonely where it is half as far again.
     let sigma = scale_about_zero(measures.iter().map(|m| m - middle)).max(0.1);
