@@ -240,7 +240,7 @@ impl Test {
         let (after, before) = (at(from + margin + 1), at(from - margin));
         let mut any = 0u64;
         for i in 0..BLOCK {
-            any += u64::from(!(self.of(high[i] - low[i], after[i] - before[i]) < self.least));
+            any += u64::from(self.of(high[i] - low[i], after[i] - before[i]) >= self.least);
         }
         any > 0
     }
