@@ -45,7 +45,6 @@ async def foxglove(address, seen, parameters):
     async with websockets.connect(address, subprotocols=["foxglove.sdk.v1"], max_size=None) as socket:
         assert socket.subprotocol == "foxglove.sdk.v1"
         classes = {}
-        await socket.send(json.dumps({"op": "getParameters", "parameterNames": [], "id": "all"}))
         async for message in socket:
             if isinstance(message, str):
                 said = json.loads(message)
@@ -61,6 +60,8 @@ async def foxglove(address, seen, parameters):
             opcode, subscription, _ = struct.unpack_from("<BIQ", message)
             if opcode == 1:
                 topic, kind = classes[subscription]
+                if topic == "/scan/points" and topic not in seen:
+                    await socket.send(json.dumps({"op": "getParameters", "parameterNames": [], "id": "all"}))
                 seen.setdefault(topic, []).append(kind.FromString(message[13:]))
 
 
@@ -103,7 +104,7 @@ async def page(address, seen):
 async def main(binary, vehicle, calibration):
     folder = pathlib.Path(tempfile.mkdtemp())
     target = folder / "live.mcap"
-    command = [binary, "scan", "--config", vehicle, "-c", calibration, "-o", target, "--repeat", "3", "--json"]
+    command = [binary, "scan", "--config", vehicle, "-c", calibration, "-o", target, "--json"]
     scan = await asyncio.create_subprocess_exec(
         *command, "--live", "127.0.0.1:0", stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )

@@ -35,6 +35,8 @@ pub(crate) struct Stream {
     channels: BTreeMap<&'static str, Arc<RawChannel>>,
     parameters: Arc<Parameters>,
     server: WebSocketServerHandle,
+    /// Channels and server know it by weak references alone.
+    _context: Arc<Context>,
 }
 
 /// Listens.
@@ -67,7 +69,7 @@ pub(crate) async fn start(
         .await
         .map_err(failed)?;
     let listening = SocketAddr::new(address.ip(), server.port());
-    Ok(Stream { listening, shared, jpegs, channels, parameters, server })
+    Ok(Stream { listening, shared, jpegs, channels, parameters, server, _context: context })
 }
 
 /// What was sent already.

@@ -4,14 +4,16 @@ import assert from "node:assert/strict";
 import { execFile, spawn } from "node:child_process";
 import { mkdtemp, readdir, readFile, rm } from "node:fs/promises";
 import { tmpdir } from "node:os";
-import { join } from "node:path";
+import { join, resolve } from "node:path";
 import { promisify } from "node:util";
 import { after, before, test } from "node:test";
 import WebSocket from "ws";
 import { axe, findChromium, launch, open, until } from "./browser.mjs";
 import { readPly } from "./ply.mjs";
 
-const BINARY = process.env.UWSCAN_BINARY;
+const BINARY = process.env.UWSCAN_BINARY && resolve(process.env.UWSCAN_BINARY);
+// Half the distance of neighbouring points along the demo's stripes, and as much for the two methods' difference.
+const SURFACE_MM = 0.5;
 const run = promisify(execFile);
 let browser, folder, vehicle;
 
@@ -33,7 +35,8 @@ after(async () => {
 
 /** Starts the program and gives its address, as it prints it; what it printed is in `said`. */
 async function serve(args) {
-  const child = spawn(BINARY, args, { cwd: folder, stdio: ["ignore", "pipe", "pipe"] });
+  const { UWSCAN_VIEW_TOKEN: _view, UWSCAN_CONTROL_TOKEN: _control, ...env } = process.env;
+  const child = spawn(BINARY, [...args, "--listen", "127.0.0.1:0", "--foxglove", "off"], { cwd: folder, env, stdio: ["ignore", "pipe", "pipe"] });
   const program = { child, said: "", ended: new Promise((resolve) => child.on("exit", resolve)) };
   for (const stream of [child.stdout, child.stderr]) stream.on("data", (data) => { program.said += data; });
   program.url = await until(() => {
@@ -68,11 +71,21 @@ function listen(url) {
 
 const state = (page, wanted, ms = 30_000) => until(() => page.evaluate((p) => p.includes(globalThis.uwscan.state()?.phase), [wanted].flat()), `phase ${wanted}`, ms);
 const frames = (page, n) => until(() => page.evaluate((m) => globalThis.uwscan.state().frames >= m, n), `${n} images`, 60_000);
+/** From each point of `a` to the nearest of `b`, mm, sorted. */
+function nearest(a, b) {
+  const out = [];
+  for (let i = 0; i < a.length; i += 3) {
+    let least = Infinity;
+    for (let j = 0; j < b.length; j += 3) least = Math.min(least, (a[i] - b[j]) ** 2 + (a[i + 1] - b[j + 1]) ** 2 + (a[i + 2] - b[j + 2]) ** 2);
+    out.push(Math.sqrt(least));
+  }
+  return out.sort((x, y) => x - y);
+}
 const worst = (a, b) => a.reduce((most, v, i) => Math.max(most, Math.abs(v - b[i])), 0);
 
 test("station: started, watched, paused, resumed and stopped from the page; its points are the cloud's", { timeout: 300_000 }, async () => {
   const out = join(folder, "scans");
-  const program = await serve(["serve", "--config", vehicle, "-o", out, "--listen", "127.0.0.1:0"]);
+  const program = await serve(["serve", "--config", vehicle, "-o", out]);
   try {
     const page = await open(browser, program.url, { viewport: { width: 1280, height: 800 } });
     await state(page, "idle");
@@ -103,12 +116,14 @@ test("station: started, watched, paused, resumed and stopped from the page; its 
     assert.ok(apart <= 1.0002 * (mine.step + second.step) / 2, `page and second client are ${apart} mm apart, steps ${mine.step} and ${second.step} mm`);
     const name = await until(async () => (await readdir(out).catch(() => [])).find((file) => /^scan-0001.*\.ply$/.test(file)), "a cloud in a file", 30_000);
     assert.ok((await readdir(out)).includes("scan-0001.mcap"));
+    // The file is made anew from the recording, by the slower method and with the sweep as a whole: the same surface, not the same points.
     const file = readPly(await readFile(join(out, name)));
-    assert.equal(file.count, total, "points in the file and on the page");
-    const off = worst(mine.positions, file.positions);
-    // The file's are float32.
-    assert.ok(off <= 1.0002 * mine.step / 2 + 1e-4, `a point is ${off} mm off, half a step is ${mine.step / 2} mm`);
-    process.stdout.write(`# ${total} points; page against file: ${off.toFixed(5)} mm at worst, half a step ${(mine.step / 2).toFixed(5)} mm\n`);
+    assert.ok(file.count > 0.8 * total && file.count < 1.25 * total, `${file.count} points in the file, ${total} on the page`);
+    const away = nearest(file.positions, mine.positions);
+    const [median, most] = [away[away.length >> 1], away[Math.floor(0.9 * away.length)]];
+    process.stdout.write(`# ${total} points; page and second client ${apart.toExponential(1)} mm apart at worst, steps ${mine.step.toExponential(1)} and `
+      + `${second.step.toExponential(1)} mm; from the file's ${file.count} points to the page's ${median.toFixed(3)} mm in the median, 90 % below ${most.toFixed(3)} mm\n`);
+    assert.ok(median < SURFACE_MM, `${median} mm`);
     assert.deepEqual(page.faults, []);
     second.socket.close();
     await page.context().close();
@@ -118,7 +133,7 @@ test("station: started, watched, paused, resumed and stopped from the page; its 
 });
 
 test("laser off ends the scan at once", { timeout: 300_000 }, async () => {
-  const program = await serve(["serve", "--config", vehicle, "-o", join(folder, "off"), "--listen", "127.0.0.1:0"]);
+  const program = await serve(["serve", "--config", vehicle, "-o", join(folder, "off")]);
   try {
     const page = await open(browser, program.url);
     await state(page, "idle");
