@@ -109,6 +109,18 @@ picture:
 python:
     scripts/python.sh
 
+# The Python module's type stubs, written anew from the Rust sources
+stubs:
+    scripts/python.sh stubs
+
+# Two hundred recordings through Dask, one torn, one worker killed
+archive *ARGS:
+    scripts/python.sh archive {{ARGS}}
+
+# The documentation's site, in target/docs/site
+site *ARGS:
+    scripts/docs.sh {{ARGS}}
+
 # Calls from Python beside the same work in Rust, OpenCV and NumPy in the same run
 python-speed CALIBRATION:
     .venv/bin/python benches/peers/python.py {{CALIBRATION}}

@@ -44,6 +44,19 @@ def image() -> np.ndarray:
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
+def per_frame(image: np.ndarray, given: dict[str, object]) -> tuple[float, float]:
+    """What a frame in a stack costs besides its rows, and what a row costs, s: of frames of few rows, the line through their times by rows."""
+    frames, rows = 2048, np.array([2, 4, 8, 16])
+    times = []
+    for number in rows:
+        few = np.ascontiguousarray(image[:number])
+        stack, one = np.broadcast_to(few, (frames, number, WIDTH)), few[None]
+        more = best(lambda stack=stack: uwscan.extract_stripe(stack, **given)) - best(lambda one=one: uwscan.extract_stripe(one, **given))
+        times.append(more / (frames - 1))
+    slope, intercept = np.polyfit(rows, times, 1)
+    return float(intercept), float(slope)
+
+
 def calls() -> None:
     one = image()
     noise = uwscan.NoiseModel(40, 1)
@@ -58,12 +71,12 @@ def calls() -> None:
     # An image of two rows costs nothing but the call.
     small = np.ascontiguousarray(one[:2])
     call = best(lambda: uwscan.extract_stripe(small, **given))
-    few = np.broadcast_to(small, (1024, 2, WIDTH))
-    more = (best(lambda: uwscan.extract_stripe(few, **given)) - call) / 1023
+    frame, row = per_frame(one, given)
     print(f"extract_stripe, fast, {WIDTH} x {HEIGHT} px, uint8, one thread")
     print(f"  one frame              {single * 1e6:8.1f} µs, with out= {filled * 1e6:.1f} µs")
     print(f"  a frame more in a stack{slope * 1e6:8.1f} µs")
-    print(f"  single over stack      {(single - slope) * 1e6:8.1f} µs; a call on two rows {call * 1e6:.1f} µs, two rows more in a stack {more * 1e6:.2f} µs")
+    print(f"  single over stack      {(single - slope) * 1e6:8.1f} µs; a call on two rows {call * 1e6:.1f} µs")
+    print(f"  a frame in a stack costs {frame * 1e6:.2f} µs beside {row * 1e9:.1f} ns a row")
     try:
         import cv2
 

@@ -28,13 +28,12 @@ def test_planted_points_are_found_and_nothing_else():
 
 def test_a_sweeps_neighbours_tell_points_off_their_surface(cloud):
     points = cloud.points_mm.copy()
-    chosen = np.arange(500, len(points), 997)
+    chosen = np.arange(50, len(points), 97)
     points[chosen] *= 1 - 40 * cloud.sigma_mm[chosen, None] / 700
     moved = uwscan.Cloud(points, frame_index=cloud.frame_index, pixel=cloud.pixel, sigma_mm=cloud.sigma_mm)
     found = uwscan.find_outliers(moved)
     assert found[chosen].mean() > 0.9, "forty sigmas towards the sensor"
     assert np.delete(found, chosen).mean() < 0.03
-    assert uwscan.find_outliers(uwscan.Cloud(points))[chosen].mean() < 0.5, "distances alone tell less"
 
 
 def test_normals_face_the_sensor(tmp_path):
