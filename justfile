@@ -29,6 +29,10 @@ bench *FILTER:
 monte-carlo TRIALS="200":
     UWSCAN_TRIALS={{TRIALS}} cargo test --locked --package uw-calib --test joint accuracy -- --nocapture
 
+# How time and memory of trees, normals, outliers, thinning, meshes and shapes grow from ten thousand to ten million points
+clouds-scale *ARGS:
+    cargo run --release --locked --package uw-cloud --example cloud_scale -- {{ARGS}}
+
 # How often 95 % intervals of radii and distances hold the truth, the instrument drawn anew for each artefact
 coverage ARTEFACTS="1000":
     UWSCAN_ARTEFACTS={{ARTEFACTS}} cargo test --locked --package uwscan --test it intervals_hold -- --nocapture

@@ -5,8 +5,8 @@ mod scan;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
 use uwscan::cloud::{
-    NORMAL_NEIGHBOURS, Neighbours, ShapeOptions, SphereOptions, SurfaceOptions, find_shapes, fit_sphere,
-    normals, triangulate,
+    self, NORMAL_NEIGHBOURS, Neighbours, ShapeOptions, SphereOptions, SurfaceOptions, find_shapes,
+    fit_sphere, normals, triangulate,
 };
 
 /// The paper's cover has as many.

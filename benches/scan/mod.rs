@@ -1,8 +1,8 @@
 //! A sweep over three balls before a plate, for benches: a camera at the origin, a sheet of light that turns beside it, noise in the stripe's column.
 
+use crate::cloud::{CloudPoint, Frame, PointCloud};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
-use uwscan::cloud::{CloudPoint, Frame, PointCloud};
 
 /// Position of the laser's axis on x, mm; focal length of the paper's camera in water, px; noise, px.
 const BASELINE_MM: f64 = 400.0;

@@ -31,6 +31,9 @@ const COMPARED: usize = 500;
 /// Concentration steps after the best sample (P. Rousseeuw, K. van Driessen, Technometrics 41 (1999) 212).
 const CONCENTRATIONS: usize = 10;
 
+/// Points that they are made on: a quantile of so many is known to 2 %.
+const CONCENTRATED: usize = 4000;
+
 /// A shape to begin with and the orthogonal scatter of the points about it, mm (rather too large than too small).
 pub(crate) struct Start<S> {
     /// The shape.
@@ -113,8 +116,12 @@ fn judged_by<S: Surface<P>, const P: usize>(
             }
         }
     }
-    let count = agreeing(observations.len()).min(observations.len());
-    let concentrated = best.into_iter().filter_map(|(_, surface)| concentrate(sample, surface, count));
+    // Of many points some are enough: the fit that follows has all of them.
+    let step = observations.len().div_ceil(CONCENTRATED).max(1);
+    let some: Vec<Observation> = observations.iter().step_by(step).map(Observation::bare).collect();
+    let count = agreeing(some.len()).min(some.len());
+    let concentrated =
+        best.into_iter().filter_map(|(_, surface)| concentrate(&some, surface, count, sample.resolution_mm));
     let (scatter_mm, surface) = concentrated.min_by(|a, b| a.0.total_cmp(&b.0))?;
     // With few points the sample passes through most of those that agree; Rousseeuw's 1 + 5/(n − p) makes up for it.
     let spare = observations.len().saturating_sub(P).max(1) as f64;
@@ -122,22 +129,26 @@ fn judged_by<S: Surface<P>, const P: usize>(
 }
 
 /// Returns the shape fitted again and again to the `count` points nearest to it, and the distance of the farthest of them.
-fn concentrate<S: Surface<P>, const P: usize>(sample: &Sample, start: S, count: usize) -> Option<(f64, S)> {
-    let observations = &sample.observations;
+fn concentrate<S: Surface<P>, const P: usize>(
+    bare: &[Observation],
+    start: S,
+    count: usize,
+    resolution_mm: f64,
+) -> Option<(f64, S)> {
     let mut surface = start.clone();
     let mut scatter_mm = f64::INFINITY;
     let mut candidate = start;
     for _ in 0..CONCENTRATIONS {
         let mut nearest: Vec<(f64, usize)> =
-            observations.iter().enumerate().map(|(i, o)| (candidate.distance(&o.point).abs(), i)).collect();
+            bare.iter().enumerate().map(|(i, o)| (candidate.distance(&o.point).abs(), i)).collect();
         let (_, last, _) = nearest.select_nth_unstable_by(count.checked_sub(1)?, |a, b| a.0.total_cmp(&b.0));
         if last.0 >= scatter_mm {
             break;
         }
         scatter_mm = last.0;
-        let sound: Vec<_> = nearest[..count].iter().map(|&(_, i)| observations[i].bare()).collect();
+        let sound: Vec<&Observation> = nearest[..count].iter().map(|&(_, i)| &bare[i]).collect();
         surface = candidate;
-        match refine(surface.clone(), &sound.iter().collect::<Vec<_>>(), 1.0, sample.resolution_mm) {
+        match refine(surface.clone(), &sound, 1.0, resolution_mm) {
             Some(refined) => candidate = refined,
             None => break,
         }

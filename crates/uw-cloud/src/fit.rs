@@ -49,6 +49,9 @@ const MAX_ROUNDS: usize = 30;
 const BLOCK: usize = 32;
 const LEAST_BLOCKS: usize = 30;
 
+/// Points that a fit of more than twice as many begins with.
+const PREPARED: usize = 3000;
+
 /// Change of the floor's logarithm that no longer matters: less than a step of its search.
 const FLOOR_TOLERANCE: f64 = 0.2;
 
@@ -164,30 +167,79 @@ fn normal_equations<S: Surface<P>, const P: usize>(
     normal
 }
 
+/// Where a fit stands: the surface, its floor, which points are sound, and their residuals.
+struct Stand<S, const P: usize> {
+    surface: S,
+    floor: Floor,
+    inliers: Vec<bool>,
+    feet: Vec<Feet<P>>,
+}
+
 /// Returns the maximum-likelihood surface for the points that agree with it, beginning at a start whose points
 /// scatter by `scatter_mm`.
+///
+/// Of many points every so many-th brings it near first: the rest then takes few rounds.
 pub(crate) fn fit<S: Surface<P>, const P: usize>(
     start: S,
     scatter_mm: f64,
     sample: &Sample,
 ) -> Result<Fitted<S, P>, FitError> {
     let all = &sample.observations;
-    let needed = P + usize::from(!sample.has_covariances);
     let limit = rejection_limit(all.len());
     let reach = limit * scatter_mm.max(sample.resolution_mm);
-    let mut surface = start;
-    let mut inliers: Vec<bool> = all.iter().map(|o| surface.distance(&o.point).abs() <= reach).collect();
     let first = if sample.has_covariances { scatter_mm.max(sample.resolution_mm) } else { 1.0 };
-    let mut floor = Floor { likely_mm: first, used_mm: first, scale: 1.0 };
+    let first = Floor { likely_mm: first, used_mm: first, scale: 1.0 };
+    let near =
+        |points: &[&Observation]| points.iter().map(|o| start.distance(&o.point).abs() <= reach).collect();
+    let few: Vec<&Observation> = all.iter().step_by(all.len().div_ceil(PREPARED).max(1)).collect();
+    let prepared = (all.len() >= 2 * PREPARED)
+        .then(|| settled(start.clone(), first, near(&few), &few, limit, sample).ok())
+        .flatten();
+    let whole: Vec<&Observation> = all.iter().collect();
+    let stand = match prepared {
+        Some(Stand { surface, floor, inliers, feet }) => {
+            let accepted = scale_about_zero(
+                feet.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(f, _)| f.distance()),
+            );
+            let accepted = if sample.has_covariances { accepted.max(1.0) } else { accepted };
+            let sound = |o: &&Observation| {
+                let foot = Feet::of(&surface, o, floor.used_mm);
+                foot.distance() <= limit * accepted || foot.residual_mm() <= sample.resolution_mm
+            };
+            let inliers = whole.iter().map(sound).collect();
+            settled(surface, floor, inliers, &whole, limit, sample)
+        }
+        None => settled(start.clone(), first, near(&whole), &whole, limit, sample),
+    };
+    let Stand { surface, floor, inliers, feet } = stand?;
+    let inliers: Vec<usize> = (0..all.len()).filter(|&i| inliers[i]).collect();
+    let (covariance, influence) = covariance(&surface, sample, &feet, &inliers, floor)?;
+    let distances: Vec<f64> = inliers.iter().map(|&i| surface.distance(&all[i].point)).collect();
+    let known = sample.has_covariances.then_some(floor);
+    let deviations = Deviations::new(&distances, all.len(), sample.duplicates, known);
+    Ok(Fitted { surface, covariance, deviations, influence, inliers, floor })
+}
+
+/// Returns where rounds of refining, and of choosing inliers and floor by what is left, come to rest.
+fn settled<S: Surface<P>, const P: usize>(
+    mut surface: S,
+    mut floor: Floor,
+    mut inliers: Vec<bool>,
+    points: &[&Observation],
+    limit: f64,
+    sample: &Sample,
+) -> Result<Stand<S, P>, FitError> {
+    let needed = P + usize::from(!sample.has_covariances);
     for round in 1.. {
         let count = inliers.iter().filter(|&&sound| sound).count();
         if count < needed {
-            return Err(FitError::NoConsensus { shape: S::NAME, needed, got: count, points: all.len() });
+            return Err(FitError::NoConsensus { shape: S::NAME, needed, got: count, points: points.len() });
         }
-        let sound: Vec<_> = all.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(o, _)| o).collect();
+        let sound: Vec<_> =
+            points.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(o, _)| *o).collect();
         surface = refine(surface, &sound, floor.used_mm, sample.resolution_mm)
             .ok_or(FitError::NotConverged { shape: S::NAME, iterations: MAX_ITERATIONS })?;
-        let feet: Vec<_> = all.iter().map(|o| Feet::of(&surface, o, floor.used_mm)).collect();
+        let feet: Vec<_> = points.iter().map(|o| Feet::of(&surface, o, floor.used_mm)).collect();
         let kept: Vec<_> = feet.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(f, _)| f).collect();
         let residuals = || kept.iter().flat_map(|f| f.each());
         let mut accepted = scale_about_zero(residuals().map(Foot::distance));
@@ -208,12 +260,7 @@ pub(crate) fn fit<S: Surface<P>, const P: usize>(
         if settled || round == MAX_ROUNDS {
             // Inliers and weights are those that the surface was fitted with; the estimates are the latest.
             let floor = Floor { used_mm: floor.used_mm, ..next_floor };
-            let inliers: Vec<usize> = (0..all.len()).filter(|&i| inliers[i]).collect();
-            let (covariance, influence) = covariance(&surface, sample, &feet, &inliers, floor)?;
-            let distances: Vec<f64> = inliers.iter().map(|&i| surface.distance(&all[i].point)).collect();
-            let known = sample.has_covariances.then_some(floor);
-            let deviations = Deviations::new(&distances, all.len(), sample.duplicates, known);
-            return Ok(Fitted { surface, covariance, deviations, influence, inliers, floor });
+            return Ok(Stand { surface, floor, inliers, feet });
         }
         (inliers, floor) = (next, next_floor);
     }

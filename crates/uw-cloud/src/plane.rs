@@ -3,10 +3,11 @@
 use crate::cloud::PointCloud;
 use crate::consensus::{Search, consensus};
 use crate::deviations::{Deviations, Influence};
+use crate::eigen::least;
 use crate::error::FitError;
-use crate::fit::{Fitted, Foot, Surface, fit, refine};
+use crate::fit::{Fitted, Foot, Surface, fit};
 use crate::sample::{Observation, Sample};
-use nalgebra::{DMatrix, Matrix4, SMatrix, SVector, Unit, Vector3};
+use nalgebra::{DMatrix, Matrix3, Matrix4, SMatrix, SVector, Unit, Vector3};
 
 /// How a plane is fitted.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,18 +91,16 @@ pub(crate) fn refit(
     Ok((result(fitted, &sample, sensor), inliers))
 }
 
-/// Returns the plane of least squares of distances to points about the origin, from a start; a
-/// scatter below the resolution is none.
+/// Returns the plane of least squares of distances to points, facing as a normal does; `None` where they determine none.
 pub(crate) fn least_squares(
     points: &[Vector3<f64>],
     normal: Unit<Vector3<f64>>,
-    anchor: Vector3<f64>,
-    resolution_mm: f64,
 ) -> Option<(Unit<Vector3<f64>>, Vector3<f64>)> {
-    let observations: Vec<Observation> = points.iter().map(|&p| Observation::at(p)).collect();
-    let all: Vec<&Observation> = observations.iter().collect();
-    let flat = refine(Flat { normal, anchor }, &all, 1.0, resolution_mm)?;
-    Some((flat.normal, flat.anchor))
+    let middle = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
+    let spread: Matrix3<f64> = points.iter().map(|p| p - middle).map(|arm| arm * arm.transpose()).sum();
+    let found = least(&spread)?;
+    let axis = if found.axis.dot(&normal) < 0.0 { -found.axis } else { found.axis };
+    (found.values[1] > found.values[0].max(0.0)).then(|| (Unit::new_normalize(axis), middle))
 }
 
 /// Returns the result in the cloud's frame, its normal towards the sensor.

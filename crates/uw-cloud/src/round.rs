@@ -13,6 +13,13 @@ pub(crate) fn nearest_on_round<const N: usize>(
     radius: f64,
 ) -> (f64, f64, SVector<f64, N>) {
     let largest = variances.max();
+    // In the metric of space it is the foot of the arm.
+    if variances.min() >= largest {
+        let length = arm.norm();
+        if length >= 1e-12 * radius {
+            return (length - radius, largest, arm / length);
+        }
+    }
     let shares = variances / largest;
     // A point right in the middle has no nearest one: take any.
     let lever = shares.imax();

@@ -71,14 +71,8 @@ impl Sample {
         unknowns: usize,
     ) -> Result<Self, FitError> {
         let given = order.len();
-        let key = |i: &usize| cloud.positions_mm()[*i].map(|c| c + 0.0);
-        let compare = |a: &usize, b: &usize| {
-            let (a, b) = (key(a), key(b));
-            a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]))
-        };
-        order.sort_by(compare);
-        order.dedup_by(|a, b| compare(a, b).is_eq());
         order.sort_unstable();
+        keep_first(&mut order, cloud.positions_mm());
         let covariances = cloud.covariances_mm2().filter(|all| all.iter().flatten().any(|&c| c != 0.0));
         let needed = unknowns + usize::from(covariances.is_none());
         if order.len() < needed {
@@ -114,6 +108,32 @@ impl Sample {
             resolution_mm: 16.0 * f64::EPSILON * largest,
         })
     }
+}
+
+/// Keeps the first of the points that share a position, by a table of hashes: time grows as their number.
+fn keep_first(order: &mut Vec<usize>, positions: &[[f64; 3]]) {
+    // Plus nil, so that there is one nil.
+    let key = |i: usize| positions[i].map(|c| (c + 0.0).to_bits());
+    let slots = (2 * order.len()).next_power_of_two().max(2);
+    let mut table = vec![usize::MAX; slots];
+    order.retain(|&i| {
+        let own = key(i);
+        let mixed = own.iter().fold(0_u64, |hash, bits| {
+            let mixed = (hash ^ bits).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            mixed ^ (mixed >> 29)
+        });
+        let mut slot = mixed as usize & (slots - 1);
+        loop {
+            match table[slot] {
+                usize::MAX => {
+                    table[slot] = i;
+                    return true;
+                }
+                other if key(other) == own => return false,
+                _ => slot = (slot + 1) & (slots - 1),
+            }
+        }
+    });
 }
 
 impl Sample {

@@ -183,7 +183,7 @@ fn faces_away(cloud: &PointCloud, triangles: &[[u32; 3]], points: &[u32], sensor
 /// The shape of the spacing is D. Tyler's estimate (Ann. Statist. 15 (1987) 234) from the edges, which long ones across voids do not
 /// move.
 fn isotropic(places: &[[f64; 2]], flat: &delaunay::Flat) -> Option<Vec<[f64; 2]>> {
-    const MOST_EDGES: usize = 20_000;
+    const MOST_EDGES: usize = 2000;
     const ROUNDS: usize = 20;
     let place = |v: u32| Vector2::from(places[v as usize]);
     let step = flat.triangles.len().div_ceil(MOST_EDGES).max(1);

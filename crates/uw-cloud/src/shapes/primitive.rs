@@ -26,6 +26,13 @@ pub(super) enum Primitive {
     Cylinder(Tube),
 }
 
+/// Whether a squared distance from a middle is the radius to within a tolerance.
+#[inline]
+fn within_shell(length2: f64, radius: f64, tolerance: f64) -> bool {
+    let (low, high) = ((radius - tolerance).max(0.0), radius + tolerance);
+    length2 >= low * low && length2 <= high * high
+}
+
 /// Kinds in the order of their number of parameters: of two that explain as much the first is the better.
 pub(super) const KINDS: usize = 3;
 
@@ -102,12 +109,34 @@ impl Primitive {
     }
 
     /// Returns whether a point lies on the surface and faces as it does: its normal within the angle of this cosine.
+    #[inline]
     pub(super) fn holds(&self, o: &Oriented, cosine: f64) -> bool {
-        if self.distance(&o.point).abs() > o.tolerance {
-            return false;
-        }
-        let outward = self.outward(&o.point);
-        outward.dot(&o.normal).abs() >= cosine * outward.norm()
+        // Without roots: most points are far away.
+        let (outward, length2) = match self {
+            Self::Plane { normal, anchor } => {
+                return normal.dot(&(o.point - anchor)).abs() <= o.tolerance
+                    && normal.dot(&o.normal).abs() >= cosine;
+            }
+            Self::Sphere { center, radius } => {
+                let arm = o.point - center;
+                let length2 = arm.norm_squared();
+                if !within_shell(length2, *radius, o.tolerance) {
+                    return false;
+                }
+                (arm, length2)
+            }
+            Self::Cylinder(tube) => {
+                let arm = o.point - tube.anchor;
+                let along = tube.axis.dot(&arm);
+                let length2 = arm.norm_squared() - along * along;
+                if !within_shell(length2, tube.radius, o.tolerance) {
+                    return false;
+                }
+                (arm - tube.axis.into_inner() * along, length2)
+            }
+        };
+        let facing = outward.dot(&o.normal);
+        facing * facing >= cosine * cosine * length2
     }
 
     /// Returns the shape of least squares of distances to points, from this one; a scatter below the resolution is none.
@@ -115,10 +144,8 @@ impl Primitive {
         let middle = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
         let near: Vec<Vector3<f64>> = points.iter().map(|p| p - middle).collect();
         match self {
-            Self::Plane { normal, anchor } => {
-                plane::least_squares(&near, *normal, anchor - middle, resolution_mm)
-                    .map(|(normal, anchor)| Self::Plane { normal, anchor: anchor + middle })
-            }
+            Self::Plane { normal, .. } => plane::least_squares(&near, *normal)
+                .map(|(normal, anchor)| Self::Plane { normal, anchor: anchor + middle }),
             Self::Sphere { center, radius } => {
                 sphere::least_squares(&near, center - middle, *radius, resolution_mm)
                     .map(|(center, radius)| Self::Sphere { center: center + middle, radius })

@@ -10,6 +10,20 @@ use nalgebra::Vector3;
 /// 50 000 searches; one with a hundredth, once in 200.
 const PAIRS: usize = 2200;
 
+/// Pairs drawn at a time.
+const DRAWN: usize = 200;
+
+/// Share of a shape's pairs that are sound, and the logarithm of the chance that all of them were missed at which drawing ends: that of a shape with a
+/// fiftieth of the points in [`PAIRS`].
+const SOUND: f64 = 0.25;
+const MISSED: f64 = -11.0;
+
+/// Points of the sample from which on a shape may end the drawing: on free forms any patch is as good as the next, and the best of many has to stand trial.
+const LARGE: f64 = 600.0;
+
+/// Points after which a candidate's chances are looked at.
+const GIVEN_UP: usize = 20;
+
 /// Steps of the longest walk from a pair's first point to its second.
 const LONGEST_WALK: usize = 24;
 
@@ -66,50 +80,108 @@ impl Field {
     }
 
     /// Returns the best shape among the free points that chance does not explain, `None` where there is none.
+    ///
+    /// Pairs are drawn until a better shape than the best so far would have been found as surely as the smallest is by all [`PAIRS`] (Schnabel's
+    /// rule); where what was found turns out to be none, the others are drawn.
     pub(super) fn best(&self, random: &mut Random) -> Option<Candidate> {
         let free: Vec<usize> = (0..self.points.len()).filter(|&i| self.free[i]).collect();
         if free.len() < 4 * LEAST_A_PARAMETER {
             return None;
         }
-        let screened: Vec<usize> =
-            (0..SCREENED.min(free.len())).map(|_| free[random.below(free.len())]).collect();
+        let screened: Vec<Oriented> =
+            (0..SCREENED.min(free.len())).map(|_| self.points[free[random.below(free.len())]]).collect();
         let mut close: [Vec<(usize, Primitive)>; KINDS] = Default::default();
-        for _ in 0..PAIRS {
-            let first = free[random.below(free.len())];
-            let Some(second) = self.walk(first, random) else { continue };
-            for primitive in
-                Primitive::through(&self.points[first], &self.points[second]).into_iter().flatten()
-            {
-                // A shape that its own surroundings contradict is none.
-                let near = &self.links[first];
-                let agreeing =
-                    near.iter().filter(|&&j| primitive.holds(&self.points[j as usize], FACING)).count();
-                if 2 * agreeing < near.len() {
-                    continue;
-                }
-                let score = screened.iter().filter(|&&i| primitive.holds(&self.points[i], FACING)).count();
-                let best = &mut close[primitive.kind()];
-                let place = best.partition_point(|(other, _)| *other >= score);
-                if place < CLOSE {
-                    best.insert(place, (score, primitive));
-                    best.truncate(CLOSE);
+        // Whether so many points, found by so many pairs, are as sure to be the most as the smallest shape is to be found by all pairs.
+        let is_sure = |points: f64, drawn: usize| {
+            points >= LARGE && drawn as f64 * (1.0 - SOUND * points / free.len() as f64).ln() < MISSED
+        };
+        let (mut drawn, mut looked) = (0, false);
+        while drawn < PAIRS {
+            for _ in 0..DRAWN {
+                self.draw(&free, &screened, random, &mut close);
+            }
+            drawn += DRAWN;
+            // What was counted may lie all over the place: what hangs together decides, once.
+            let most = close.iter().filter_map(|best| best.first()).map(|best| best.0).max().unwrap_or(0);
+            if !looked && is_sure(most as f64 / screened.len() as f64 * free.len() as f64, drawn) {
+                looked = true;
+                let found = self.chosen(&close, &free);
+                if found.as_ref().is_some_and(|found| is_sure(found.members.len() as f64, drawn)) {
+                    return found;
                 }
             }
         }
-        let grown = close.into_iter().flatten().filter_map(|(_, primitive)| self.grown(primitive, &free));
-        let grown: Vec<Candidate> = grown.collect();
-        // The most members first; of equals the simpler one.
-        let closeness: Vec<f64> = grown.iter().map(|c| self.closeness(c)).collect();
-        let mut order: Vec<usize> = (0..grown.len()).collect();
-        order.sort_by(|&a, &b| {
-            closeness[b]
-                .total_cmp(&closeness[a])
-                .then(grown[a].primitive.kind().cmp(&grown[b].primitive.kind()))
-        });
-        order.into_iter().take(CLOSE).find_map(|i| {
-            let settled = self.settled(grown[i].clone(), &free)?;
-            self.is_no_chance(&settled, &free).then(|| self.simplest(settled, &free))
-        })
+        self.chosen(&close, &free)
+    }
+
+    /// Draws one pair, and keeps the shapes through it that are among the best.
+    fn draw(
+        &self,
+        free: &[usize],
+        screened: &[Oriented],
+        random: &mut Random,
+        close: &mut [Vec<(usize, Primitive)>; KINDS],
+    ) {
+        let first = free[random.below(free.len())];
+        let Some(second) = self.walk(first, random) else { return };
+        for primitive in Primitive::through(&self.points[first], &self.points[second]).into_iter().flatten() {
+            // A shape that its own surroundings contradict is none.
+            let near = &self.links[first];
+            let agreeing =
+                near.iter().filter(|&&j| primitive.holds(&self.points[j as usize], FACING)).count();
+            if 2 * agreeing < near.len() {
+                continue;
+            }
+            let best = &mut close[primitive.kind()];
+            // The last of the best, which it would have to surpass; given up as soon as it can't.
+            let needed = best.get(CLOSE - 1).map_or(0, |last| last.0 + 1);
+            let (mut score, mut left) = (0, screened.len());
+            for some in screened.chunks(GIVEN_UP) {
+                score += some.iter().filter(|o| primitive.holds(o, FACING)).count();
+                left -= some.len();
+                if score + left < needed {
+                    break;
+                }
+            }
+            if score >= needed {
+                let place = best.partition_point(|(other, _)| *other >= score);
+                best.insert(place, (score, primitive));
+                best.truncate(CLOSE);
+            }
+        }
+    }
+
+    /// Returns the best of the shapes that were kept, grown and fitted.
+    fn chosen(&self, close: &[Vec<(usize, Primitive)>; KINDS], free: &[usize]) -> Option<Candidate> {
+        let points: Vec<Oriented> = free.iter().map(|&i| self.points[i]).collect();
+        let count = |primitive: &Primitive| points.iter().filter(|o| primitive.holds(o, FACING)).count();
+        let mut waiting: Vec<(usize, Primitive)> =
+            close.iter().flatten().map(|(_, primitive)| (count(primitive), *primitive)).collect();
+        waiting.sort_by(|a, b| a.0.cmp(&b.0).then(b.1.kind().cmp(&a.1.kind())));
+        // What hangs together is no more than what there is: only those are grown that may be the best.
+        let mut grown: Vec<(f64, Candidate)> = Vec::new();
+        for _ in 0..CLOSE {
+            let best = |grown: &[(f64, Candidate)]| {
+                // The most members first; of equals the simpler one.
+                (0..grown.len()).max_by(|&a, &b| {
+                    let kind = |i: usize| grown[i].1.primitive.kind();
+                    grown[a].0.total_cmp(&grown[b].0).then(kind(b).cmp(&kind(a)))
+                })
+            };
+            while let Some((count, primitive)) = waiting.last().copied()
+                && best(&grown).is_none_or(|i| grown[i].0 <= count as f64)
+            {
+                waiting.pop();
+                grown.extend(self.grown(primitive, free).map(|c| (self.closeness(&c), c)));
+            }
+            let (_, candidate) = grown.swap_remove(best(&grown)?);
+            if let Some(settled) = self.settled(candidate, free)
+                && self.is_no_chance(&settled, free)
+            {
+                return Some(self.simplest(settled, free));
+            }
+        }
+        None
     }
 
     /// Returns a free point some steps away, along links between free points.

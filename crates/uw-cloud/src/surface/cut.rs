@@ -2,10 +2,11 @@
 
 use super::delaunay::Flat;
 use super::noise::Noise;
-use super::normals::Incident;
+use super::normals::{Faces, Incident};
 use super::step::cut_steps;
 use super::void::{Span, spans};
 use crate::cloud::PointCloud;
+use crate::mesh::NONE;
 use crate::robust::rejection_limit;
 use nalgebra::Vector3;
 
@@ -23,7 +24,8 @@ pub struct Cut {
     pub grazing: usize,
     /// They lead from one face to another across a step in depth.
     pub steps: usize,
-    /// They close a gap that the camera could not see or that the light did not reach, behind an outline or in a shadow.
+    /// They close a gap that the camera could not see or that the light did not reach, behind an outline or in a shadow; or they are left by themselves, so that
+    /// nothing tells whether they do.
     pub unseen: usize,
 }
 
@@ -45,7 +47,10 @@ pub(super) fn cut(
     let normals = normals_to(cloud, flat, sensor_mm, &mut kept);
     let grazing = steepest_rad.cos();
     let limit = rejection_limit(flat.triangles.len());
-    for (t, corners) in flat.triangles.iter().enumerate().filter(|(t, _)| kept[*t]).collect::<Vec<_>>() {
+    for (t, corners) in flat.triangles.iter().enumerate() {
+        if !kept[t] {
+            continue;
+        }
         let corner = corners.map(|v| cloud.vector(v as usize));
         let view = (sensor_mm - (corner[0] + corner[1] + corner[2]) / 3.0).try_normalize(0.0);
         let light = noise.light(corners[0]);
@@ -64,15 +69,38 @@ pub(super) fn cut(
             cut.grazing += 1;
         }
     }
+    let mut faces = Faces::new(flat, &incident, &normals);
     for _ in 0..STEP_ROUNDS {
-        let more = cut_steps(cloud, flat, &incident, &normals, noise, &spans, &mut kept);
+        let more = cut_steps(cloud, noise, &spans, &mut kept, &mut faces);
         cut.steps += more.steps;
         cut.unseen += more.unseen;
         if more.steps + more.unseen == 0 {
             break;
         }
     }
+    cut.unseen += cut_lone(flat, &mut kept);
     (kept, cut)
+}
+
+/// Cuts single triangles and pairs of them that hang together with no other by an edge, and returns how many: the faces at their corners are their own, so that nothing tells
+/// whether they keep to any. Such are left at the ends of an outline. Where there is nothing else, they stay.
+fn cut_lone(flat: &Flat, kept: &mut [bool]) -> usize {
+    let beside = |t: usize| {
+        let across = flat.across[t].into_iter().filter(|&other| other != NONE && kept[other as usize]);
+        across.map(|other| other as usize)
+    };
+    let all = || (0..kept.len()).filter(|&t| kept[t]);
+    if !all().any(|t| beside(t).count() > 1) {
+        return 0;
+    }
+    let is_lone = |t: &usize| match beside(*t).collect::<Vec<_>>()[..] {
+        [] => true,
+        [other] => beside(other).count() == 1,
+        _ => false,
+    };
+    let lone: Vec<usize> = all().filter(is_lone).collect();
+    lone.iter().for_each(|&t| kept[t] = false);
+    lone.len()
 }
 
 /// Unit normals of the triangles in space, all on the side of the sensor as the plane's order of corners has it; those without an

@@ -1,8 +1,14 @@
 //! Normals at a scan's points from the triangles about them, on one side of a step.
 
 use super::delaunay::Flat;
+use crate::neighbours::MANY;
 use crate::robust::median;
 use nalgebra::Vector3;
+use rayon::prelude::*;
+
+/// Triangles that are tried as a face's, and normals whose spread tells that of most.
+const CANDIDATES: usize = 40;
+const MOST_SPREADS: usize = 20_000;
 
 /// Cosine of the angle between neighbouring triangles beyond which a vertex may lie at a step: 20°.
 const SMOOTH_COS: f64 = 0.939_692_620_785_908_4;
@@ -55,82 +61,155 @@ impl Incident {
         Self { starts, triangles: sorted }
     }
 
+    pub(super) fn vertices(&self) -> u32 {
+        self.starts.len() as u32 - 1
+    }
+
     pub(super) fn of(&self, vertex: u32) -> &[u32] {
         let v = vertex as usize;
         &self.triangles[self.starts[v] as usize..self.starts[v + 1] as usize]
     }
 }
 
-/// Returns a unit normal for each vertex from the kept triangles about it, `None` where there are none.
-///
-/// Where all of them agree it is their mean. At a step it is that of the face that most triangles of the first two
-/// rings belong to: those across the step, however large, are few and stand steeply, and those of the face beyond it are fewer
-/// than those of the vertex's own.
-pub(super) fn one_sided(
+/// Unit normals at vertices, kept from one round of cutting to the next: only where triangles were cut are they made anew.
+pub(super) struct Faces<'a> {
+    pub(super) flat: &'a Flat,
+    pub(super) incident: &'a Incident,
+    /// Of the triangles.
+    normals: &'a [Vector3<f64>],
+    sums: Vec<Option<Sum>>,
+}
+
+impl<'a> Faces<'a> {
+    pub(super) fn new(flat: &'a Flat, incident: &'a Incident, normals: &'a [Vector3<f64>]) -> Self {
+        Self { flat, incident, normals, sums: (0..incident.vertices()).map(|_| None).collect() }
+    }
+
+    /// Returns whether kept neighbouring triangles at each vertex differ.
+    fn sharp(&self, kept: &[bool]) -> Vec<bool> {
+        let Self { flat, normals, .. } = self;
+        let mut sharp = vec![false; self.sums.len()];
+        for (t, across) in flat.across.iter().enumerate().filter(|(t, _)| kept[*t]) {
+            for &other in across {
+                // Each edge once; the triangle on its other side is later in the list, or not there.
+                if (other as usize) < kept.len()
+                    && kept[other as usize]
+                    && t < other as usize
+                    && normals[t].dot(&normals[other as usize]) < SMOOTH_COS
+                {
+                    for corners in [flat.triangles[t], flat.triangles[other as usize]] {
+                        corners.iter().for_each(|&v| sharp[v as usize] = true);
+                    }
+                }
+            }
+        }
+        sharp
+    }
+
+    /// Forgets what a triangle that was cut had a say in: the normals at vertices up to two rings from it.
+    pub(super) fn forget(&mut self, triangle: usize) {
+        for &v in &self.flat.triangles[triangle] {
+            for &t in self.incident.of(v) {
+                self.flat.triangles[t as usize].iter().for_each(|&w| self.sums[w as usize] = None);
+            }
+        }
+    }
+
+    /// Returns a unit normal for each vertex from the kept triangles about it, `None` where there are none.
+    ///
+    /// Where all of them agree it is their mean. At a step it is that of the face that most triangles of the first two
+    /// rings belong to: those across the step, however large, are few and stand steeply, and those of the face beyond it are fewer
+    /// than those of the vertex's own.
+    pub(super) fn one_sided(&mut self, kept: &[bool]) -> Vec<Option<Facing>> {
+        let sharp = self.sharp(kept);
+        let Self { flat, incident, normals, sums } = self;
+        let missing = |(v, own): (usize, &mut Option<Sum>)| {
+            if own.is_none() {
+                *own = Some(about(v as u32, sharp[v], flat, incident, normals, kept));
+            }
+        };
+        if sums.len() < MANY {
+            sums.iter_mut().enumerate().for_each(missing);
+        } else {
+            sums.par_iter_mut().with_min_len(4096).enumerate().for_each(missing);
+        }
+        // What one or two triangles say of their own spread is too little: it is at least that of most.
+        let many = || sums.iter().flatten().filter(|sum| sum.count > 3.0);
+        let step = many().count().div_ceil(MOST_SPREADS).max(1);
+        let mut spreads: Vec<f64> = many().step_by(step).map(Sum::spread).collect();
+        let typical = median(&mut spreads);
+        let facing = |sum: &Option<Sum>| {
+            let sum = sum.as_ref()?;
+            let length = sum.normals.norm();
+            let variance = sum.spread().max(typical) / sum.count;
+            (length > 0.0).then(|| Facing { normal: sum.normals / length, variance })
+        };
+        sums.iter().map(facing).collect()
+    }
+}
+
+/// The normals at a vertex.
+fn about(
+    v: u32,
+    sharp: bool,
     flat: &Flat,
     incident: &Incident,
     normals: &[Vector3<f64>],
     kept: &[bool],
-    vertices: usize,
-) -> Vec<Option<Facing>> {
-    let mut sharp = vec![false; vertices];
-    for (t, across) in flat.across.iter().enumerate().filter(|(t, _)| kept[*t]) {
-        for &other in across {
-            // Each edge once; the triangle on its other side is later in the list, or not there.
-            if (other as usize) < kept.len()
-                && kept[other as usize]
-                && t < other as usize
-                && normals[t].dot(&normals[other as usize]) < SMOOTH_COS
-            {
-                for corners in [flat.triangles[t], flat.triangles[other as usize]] {
-                    corners.iter().for_each(|&v| sharp[v as usize] = true);
-                }
+) -> Sum {
+    let own = incident.of(v).iter().filter(|t| kept[**t as usize]);
+    if !sharp {
+        return own.fold(Sum { normals: Vector3::zeros(), count: 0.0 }, |sum, &t| Sum {
+            normals: sum.normals + normals[t as usize],
+            count: sum.count + 1.0,
+        });
+    }
+    // A triangle counts once for each corner that one of the vertex's own triangles has, for each of these: nearer ones count for more.
+    let own: Vec<u32> = own.copied().collect();
+    let mut ring: Vec<(u32, f64)> = Vec::with_capacity(16);
+    for &t in &own {
+        for &w in flat.triangles[t as usize].iter().filter(|w| **w != v) {
+            match ring.iter_mut().find(|(other, _)| *other == w) {
+                Some((_, times)) => *times += 1.0,
+                None => ring.push((w, 1.0)),
             }
         }
     }
-    let mut around: Vec<u32> = Vec::new();
-    let mut counted: Vec<(u32, f64)> = Vec::new();
-    let sums: Vec<Sum> = (0..vertices as u32)
-        .map(|v| {
-            let own = incident.of(v).iter().filter(|t| kept[**t as usize]);
-            if !sharp[v as usize] {
-                let normals = own.clone().map(|&t| normals[t as usize]).sum();
-                return Sum { normals, count: own.count() as f64 };
+    let times = |w: u32| ring.iter().position(|(other, _)| *other == w);
+    let mut near: Vec<(Vector3<f64>, f64)> = Vec::with_capacity(64);
+    for &t in &own {
+        let others = flat.triangles[t as usize].iter().filter_map(|&w| times(w)).map(|at| ring[at].1);
+        near.push((normals[t as usize], own.len() as f64 + others.sum::<f64>()));
+    }
+    for (at, &(w, _)) in ring.iter().enumerate() {
+        for &t in incident.of(w).iter().filter(|t| kept[**t as usize]) {
+            let corners = flat.triangles[t as usize];
+            // Own ones are there already, and others come with the first of their corners on the ring.
+            if corners.contains(&v) {
+                continue;
             }
-            around.clear();
-            for &t in own {
-                // A triangle comes once for each vertex of it that is near: nearer ones count for more.
-                for &w in &flat.triangles[t as usize] {
-                    around.extend(incident.of(w).iter().filter(|t| kept[**t as usize]));
-                }
+            let on_ring = corners.map(times);
+            if on_ring.iter().flatten().min() == Some(&at) {
+                let weight = on_ring.iter().flatten().map(|&at| ring[at].1).sum();
+                near.push((normals[t as usize], weight));
             }
-            around.sort_unstable();
-            counted.clear();
-            counted.extend(around.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as f64)));
-            face_of_most(&counted, normals)
-        })
-        .collect();
-    // What one or two triangles say of their own spread is too little: it is at least that of most.
-    let mut spreads: Vec<f64> = sums.iter().filter(|sum| sum.count > 3.0).map(Sum::spread).collect();
-    let typical = median(&mut spreads);
-    let facing = |sum: &Sum| {
-        let variance = sum.spread().max(typical) / sum.count;
-        sum.normals.try_normalize(0.0).map(|normal| Facing { normal, variance })
-    };
-    sums.iter().map(facing).collect()
+        }
+    }
+    face_of_most(&near)
 }
 
 /// The normals of the largest group of one face; triangles come with their weights.
-fn face_of_most(around: &[(u32, f64)], normals: &[Vector3<f64>]) -> Sum {
+///
+/// Some of the triangles, evenly taken, stand for candidates: of the largest face there are several among so many, and the mean that follows is the same from each.
+fn face_of_most(near: &[(Vector3<f64>, f64)]) -> Sum {
     let [whole, none] = ONE_FACE_COS;
     let share =
-        |a: &Vector3<f64>, t: u32| ((a.dot(&normals[t as usize]) - none) / (whole - none)).clamp(0.0, 1.0);
+        |a: &Vector3<f64>, b: &Vector3<f64>| ((a.dot(b) - none) * (1.0 / (whole - none))).clamp(0.0, 1.0);
     let mut best = (0.0, Vector3::zeros());
-    for &(t, _) in around {
-        let own = normals[t as usize];
-        let score: f64 = around.iter().map(|&(other, weight)| weight * share(&own, other)).sum();
+    for (own, _) in near.iter().step_by(near.len().div_ceil(CANDIDATES).max(1)) {
+        let score: f64 = near.iter().map(|(other, weight)| weight * share(own, other)).sum();
         if score > best.0 {
-            best = (score, own);
+            best = (score, *own);
         }
     }
     // Thrice more about the mean, so that the noise of the one triangle does not stay.
@@ -138,9 +217,9 @@ fn face_of_most(around: &[(u32, f64)], normals: &[Vector3<f64>]) -> Sum {
     let mut sum = Sum { normals: Vector3::zeros(), count: 0.0 };
     for _ in 0..3 {
         sum = Sum { normals: Vector3::zeros(), count: 0.0 };
-        for &(t, weight) in around {
-            let weight = weight * share(&middle, t);
-            sum.normals += normals[t as usize] * weight;
+        for (normal, weight) in near {
+            let weight = weight * share(&middle, normal);
+            sum.normals += normal * weight;
             sum.count += weight;
         }
         middle = sum.normals.try_normalize(0.0).unwrap_or(middle);

@@ -2,9 +2,10 @@
 
 use super::delaunay::Flat;
 use super::noise::Noise;
-use super::normals::{Facing, Incident, one_sided};
+use super::normals::{Faces, Facing, Incident};
 use super::void::Span;
 use crate::cloud::PointCloud;
+use crate::mesh::NONE;
 use crate::robust::{rejection_limit, scale_about_zero};
 use nalgebra::Vector3;
 
@@ -32,57 +33,55 @@ pub(super) struct Steps {
 /// floor behind it: then an edge has to keep to the faces of both of its ends.
 pub(super) fn cut_steps(
     cloud: &PointCloud,
-    flat: &Flat,
-    incident: &Incident,
-    normals: &[Vector3<f64>],
     noise: &Noise<'_>,
     spans: &[Span],
     kept: &mut [bool],
+    known: &mut Faces<'_>,
 ) -> Steps {
-    let faces = one_sided(flat, incident, normals, kept, cloud.len());
-    let leaving = |a: u32, b: u32| {
-        let (m, n) = (faces[a as usize]?, faces[b as usize]?);
-        let edge = cloud.vector(b as usize) - cloud.vector(a as usize);
-        let middle = (m.normal + n.normal).try_normalize(0.0)?;
-        let bend = m.variance + n.variance;
-        let (m, n) = (m.normal, n.normal);
-        let (leaves, meets) = (m.dot(&edge), n.dot(&edge));
-        // Both ends' normals are noisier than their mean.
-        let least = middle.dot(&edge).abs().min(2.0 * leaves.abs().min(meets.abs()));
-        let farther = if leaves.abs() > meets.abs() { m } else { n };
-        let variance = |along: &Vector3<f64>, share: f64| {
-            noise.along(a, along) + noise.along(b, along) + share * bend * edge.norm_squared()
-        };
-        let reach = STEP_SIN * edge.norm();
-        Some(Leaving {
-            height_mm: middle.dot(&edge),
-            variance_mm2: variance(&middle, 0.25),
-            steep: leaves * meets > 0.0 && least > reach,
-            farther_mm: farther.dot(&edge),
-            farther_variance_mm2: variance(&farther, 1.0),
-            apart: farther.dot(&edge).abs() > reach,
+    let faces = known.one_sided(kept);
+    let (flat, incident) = (known.flat, known.incident);
+    let untold = 2.0 * untold_variance(cloud, flat, incident, &faces, noise, kept);
+    let edges = || {
+        let kept = &*kept;
+        flat.triangles.iter().enumerate().filter(|(t, _)| kept[*t]).flat_map(move |(t, corners)| {
+            let across = flat.across[t];
+            // Each edge once, by the triangle that comes first.
+            let first = move |k: &usize| {
+                across[*k] == NONE || !kept[across[*k] as usize] || (across[*k] as usize) > t
+            };
+            (0..3).filter(first).map(move |k| (t, across[k], corners[k], corners[(k + 1) % 3]))
         })
     };
-    let untold = 2.0 * untold_variance(cloud, flat, incident, &faces, noise, kept);
-    let mut edges = 0;
+    let mut count = 0;
     let mut suspects = Vec::new();
-    for (t, corners) in flat.triangles.iter().enumerate().filter(|(t, _)| kept[*t]) {
-        for k in 0..3 {
-            let Some(edge) = leaving(corners[k], corners[(k + 1) % 3]) else { continue };
-            edges += 1;
-            if edge.steep {
-                suspects.push((t, true, edge.height_mm.powi(2) / (edge.variance_mm2 + untold)));
-            }
-            if edge.apart && spans[t] == Span::Incomplete {
-                suspects.push((t, false, edge.farther_mm.powi(2) / (edge.farther_variance_mm2 + untold)));
-            }
+    for (t, other, a, b) in edges() {
+        let (Some(m), Some(n)) = (faces[a as usize], faces[b as usize]) else { continue };
+        let other = if other == NONE || !kept[other as usize] { t } else { other as usize };
+        // A triangle's edges count for each of the two.
+        count += 1 + usize::from(other != t);
+        let edge = cloud.vector(b as usize) - cloud.vector(a as usize);
+        let Some(leaving) = Leaving::of(&m, &n, &edge) else { continue };
+        let incomplete = [t, other].map(|t| spans[t] == Span::Incomplete);
+        if leaving.steep {
+            let chi2 = leaving.step(a, b, noise, untold);
+            suspects
+                .extend([t, other].into_iter().take(1 + usize::from(other != t)).map(|t| (t, true, chi2)));
+        }
+        if leaving.apart && (incomplete[0] || incomplete[1]) {
+            let chi2 = leaving.fold(a, b, noise, untold);
+            suspects.extend(
+                [t, other].into_iter().zip(incomplete).filter(|(_, own)| *own).map(|(t, _)| (t, false, chi2)),
+            );
         }
     }
-    let limit = rejection_limit(edges);
+    let limit = rejection_limit(count);
     let mut cut = Steps::default();
+    // A triangle that is both counts as a step.
+    suspects.sort_by_key(|(t, step, _)| (*t, !*step));
     for (t, step, chi2) in suspects {
         if chi2 > limit * limit && kept[t] {
             kept[t] = false;
+            known.forget(t);
             *(if step { &mut cut.steps } else { &mut cut.unseen }) += 1;
         }
     }
@@ -91,16 +90,54 @@ pub(super) fn cut_steps(
 
 /// How an edge leaves the faces of its ends.
 struct Leaving {
-    /// The step's height.
-    height_mm: f64,
-    variance_mm2: f64,
-    /// Whether it is one but for noise.
+    edge: Vector3<f64>,
+    /// Variance of the two faces' normals together, rad².
+    bend: f64,
+    middle: Vector3<f64>,
+    /// The face that it leaves the more.
+    farther: Vector3<f64>,
+    /// Whether it is a step but for noise.
     steep: bool,
-    /// How far it leads away from the face that it leaves the more.
-    farther_mm: f64,
-    farther_variance_mm2: f64,
     /// Whether it does not keep to both faces, but for noise.
     apart: bool,
+}
+
+impl Leaving {
+    fn of(m: &Facing, n: &Facing, edge: &Vector3<f64>) -> Option<Self> {
+        let (leaves, meets) = (m.normal.dot(edge), n.normal.dot(edge));
+        let most = leaves.abs().max(meets.abs());
+        let reach2 = STEP_SIN * STEP_SIN * edge.norm_squared();
+        // Most edges keep to both faces, and to their middle, which they leave by twice as much at most.
+        if 4.0 * most * most <= reach2 {
+            return None;
+        }
+        let middle = (m.normal + n.normal).try_normalize(0.0)?;
+        // Both ends' normals are noisier than their mean.
+        let least = middle.dot(edge).abs().min(2.0 * leaves.abs().min(meets.abs()));
+        Some(Self {
+            edge: *edge,
+            bend: m.variance + n.variance,
+            middle,
+            farther: if leaves.abs() > meets.abs() { m.normal } else { n.normal },
+            steep: leaves * meets > 0.0 && least * least > reach2,
+            apart: most * most > reach2,
+        })
+    }
+
+    /// The step's height, squared, by its variance.
+    fn step(&self, a: u32, b: u32, noise: &Noise<'_>, untold: f64) -> f64 {
+        self.chi2(&self.middle, 0.25, [a, b], noise, untold)
+    }
+
+    /// How far the edge leads away from the face that it leaves the more, squared, by its variance.
+    fn fold(&self, a: u32, b: u32, noise: &Noise<'_>, untold: f64) -> f64 {
+        self.chi2(&self.farther, 1.0, [a, b], noise, untold)
+    }
+
+    fn chi2(&self, along: &Vector3<f64>, share: f64, ends: [u32; 2], noise: &Noise<'_>, untold: f64) -> f64 {
+        let told: f64 = ends.iter().map(|&v| noise.along(v, along)).sum();
+        along.dot(&self.edge).powi(2) / (told + share * self.bend * self.edge.norm_squared() + untold)
+    }
 }
 
 /// Variance of a point along its normal beyond what the cloud tells of it, mm²: from how far points lie from the middle of their
