@@ -2,7 +2,7 @@
 // else `uwscan demo` makes one.
 import assert from "node:assert/strict";
 import { execFile, spawn } from "node:child_process";
-import { mkdtemp, readdir, readFile, rm } from "node:fs/promises";
+import { mkdir, mkdtemp, readdir, readFile, rm } from "node:fs/promises";
 import { tmpdir } from "node:os";
 import { join, resolve } from "node:path";
 import { promisify } from "node:util";
@@ -85,6 +85,7 @@ const worst = (a, b) => a.reduce((most, v, i) => Math.max(most, Math.abs(v - b[i
 
 test("station: started, watched, paused, resumed and stopped from the page; its points are the cloud's", { timeout: 300_000 }, async () => {
   const out = join(folder, "scans");
+  await mkdir(out);
   const program = await serve(["serve", "--config", vehicle, "-o", out]);
   try {
     const page = await open(browser, program.url, { viewport: { width: 1280, height: 800 } });
@@ -133,6 +134,7 @@ test("station: started, watched, paused, resumed and stopped from the page; its 
 });
 
 test("laser off ends the scan at once", { timeout: 300_000 }, async () => {
+  await mkdir(join(folder, "off"));
   const program = await serve(["serve", "--config", vehicle, "-o", join(folder, "off")]);
   try {
     const page = await open(browser, program.url);
