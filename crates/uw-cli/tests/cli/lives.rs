@@ -1,4 +1,5 @@
 //! `scan --live` and `serve`, from a client's side.
+#![allow(clippy::print_stdout, reason = "what was measured is said")]
 
 use std::{
     fs,
