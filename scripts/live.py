@@ -104,7 +104,7 @@ async def page(address, seen):
 async def main(binary, vehicle, calibration):
     folder = pathlib.Path(tempfile.mkdtemp())
     target = folder / "live.mcap"
-    command = [binary, "scan", "--config", vehicle, "-c", calibration, "-o", target, "--json"]
+    command = [binary, "scan", "--config", vehicle, "-c", calibration, "-o", target, "--repeat", "5", "--json"]
     scan = await asyncio.create_subprocess_exec(
         *command, "--live", "127.0.0.1:0", stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )

@@ -154,7 +154,8 @@ fn station(args: &Args, config: &Path, console: &Console) -> anyhow::Result<Outc
     let mut outcome = Outcome::Done;
     while !ending.load(Ordering::Acquire) {
         match to_start.recv_timeout(LOOK) {
-            Ok(()) => {}
+            // Opening devices takes a while.
+            Ok(()) => feed.state(State { phase: Phase::Starting, ..State::default() }),
             Err(RecvTimeoutError::Timeout) => continue,
             Err(RecvTimeoutError::Disconnected) => break,
         }

@@ -1,8 +1,8 @@
 // The page in headless Chromium against the program itself, with a simulated instrument. UWSCAN_BINARY names the program; UWSCAN_VEHICLE a vehicle file,
-// else `uwscan demo` makes one.
+// else `uwscan demo` makes one; UWSCAN_PICTURES a folder for pictures.
 import assert from "node:assert/strict";
 import { execFile, spawn } from "node:child_process";
-import { mkdtemp, readdir, readFile, rm } from "node:fs/promises";
+import { mkdir, mkdtemp, readdir, readFile, rm } from "node:fs/promises";
 import { tmpdir } from "node:os";
 import { join, resolve } from "node:path";
 import { promisify } from "node:util";
@@ -71,6 +71,7 @@ function listen(url) {
 
 const state = (page, wanted, ms = 30_000) => until(() => page.evaluate((p) => p.includes(globalThis.uwscan.state()?.phase), [wanted].flat()), `phase ${wanted}`, ms);
 const frames = (page, n) => until(() => page.evaluate((m) => globalThis.uwscan.state().frames >= m, n), `${n} images`, 60_000);
+const frameAt = (page, n) => until(() => page.evaluate((m) => globalThis.uwscan.state().frames === m, n), `image ${n}`, 20_000);
 /** From each point of `a` to the nearest of `b`, mm, sorted. */
 function nearest(a, b) {
   const out = [];
@@ -85,6 +86,7 @@ const worst = (a, b) => a.reduce((most, v, i) => Math.max(most, Math.abs(v - b[i
 
 test("station: started, watched, paused, resumed and stopped from the page; its points are the cloud's", { timeout: 300_000 }, async () => {
   const out = join(folder, "scans");
+  await mkdir(out);
   const program = await serve(["serve", "--config", vehicle, "-o", out]);
   try {
     const page = await open(browser, program.url, { viewport: { width: 1280, height: 800 } });
@@ -104,6 +106,7 @@ test("station: started, watched, paused, resumed and stopped from the page; its 
     await state(page, "scanning");
     await frames(page, still + 6);
     assert.deepEqual(await axe(page), []);
+    if (process.env.UWSCAN_PICTURES) await page.screenshot({ path: join(process.env.UWSCAN_PICTURES, "program-station.png") });
     await page.click("#stop");
     await state(page, ["finished", "failed", "idle"]);
     await until(async () => (await page.locator("#laser").innerText()) === "Laser off", "the laser off at the end");
@@ -133,6 +136,7 @@ test("station: started, watched, paused, resumed and stopped from the page; its 
 });
 
 test("laser off ends the scan at once", { timeout: 300_000 }, async () => {
+  await mkdir(join(folder, "off"));
   const program = await serve(["serve", "--config", vehicle, "-o", join(folder, "off")]);
   try {
     const page = await open(browser, program.url);
@@ -153,6 +157,32 @@ test("laser off ends the scan at once", { timeout: 300_000 }, async () => {
     process.stdout.write(`# laser off shown ${took.toFixed(0)} ms after the press\n`);
     assert.ok(took < 1000, `${took} ms`);
     await state(page, ["finished", "failed", "idle"]);
+    assert.deepEqual(page.faults, []);
+    await page.context().close();
+  } finally {
+    await program.stop();
+  }
+});
+
+test("the recording is replayed: pause, seek, play, with its points", { timeout: 300_000 }, async () => {
+  const program = await serve(["serve", join(folder, "scans/scan-0001.mcap")]);
+  try {
+    const page = await open(browser, program.url);
+    await state(page, ["replaying", "paused"]);
+    assert.equal(await page.isVisible("#controls"), false);
+    assert.deepEqual(await page.locator("#capture option").allInnerTexts(), ["scan-0001.mcap"]);
+    await page.click("#play");
+    await state(page, "paused");
+    // The demo's first images pass the cover by.
+    await page.locator("#seek").fill("25");
+    await frameAt(page, 26);
+    await until(() => page.evaluate(() => { const [s, c] = [globalThis.uwscan.state(), globalThis.uwscan.counts()]; return s.points > 0 && c.count === s.points; }), "the points up to there", 20_000);
+    await page.keyboard.press(".");
+    await frameAt(page, 27);
+    await page.selectOption("#speed", "10");
+    await page.click("#play");
+    await until(() => page.evaluate(() => globalThis.uwscan.state().frames > 30), "more images", 20_000);
+    if (process.env.UWSCAN_PICTURES) await page.screenshot({ path: join(process.env.UWSCAN_PICTURES, "program-replay.png") });
     assert.deepEqual(page.faults, []);
     await page.context().close();
   } finally {

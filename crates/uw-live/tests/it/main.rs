@@ -1,4 +1,6 @@
 //! The server at its socket, by a plain WebSocket client.
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
+#![allow(clippy::print_stdout, reason = "what was measured is said")]
 
 mod attacks;
 mod client;
