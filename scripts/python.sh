@@ -11,7 +11,7 @@ root=$PWD
 venv=${UWSCAN_VENV:-$root/.venv}
 if ! { [ -x "$venv/bin/python" ] || python3 -m venv "$venv"; } ||
     ! "$venv/bin/python" -m pip install --quiet --disable-pip-version-check \
-        'maturin>=1.13,<2' 'numpy>=1.26' 'matplotlib>=3.8' 'hypothesis>=6' 'pytest>=8' \
+        'maturin>=1.16,<2' 'numpy>=1.26' 'matplotlib>=3.8' 'hypothesis>=6' 'pytest>=8' \
         'dask[distributed]>=2024.1' 'pyarrow>=14' pandas xarray 'mypy>=1.15' pyright; then
     echo "skipped: no Python packages to build and test with"
     exit 0
