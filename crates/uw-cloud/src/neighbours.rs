@@ -448,7 +448,7 @@ mod tests {
         for points in clouds() {
             let tree = Neighbours::new(&points).unwrap();
             // Nothing comes of eight for some of the points.
-            let enough = |place: &[f64; 3]| place[0].to_bits().count_ones() % 3 > 0;
+            let enough = |place: &[f64; 3]| !place[0].to_bits().count_ones().is_multiple_of(3);
             let of = |hood: &Hood<'_>| {
                 let mut all: Vec<_> = hood
                     .distances2
