@@ -209,7 +209,10 @@ pub(crate) fn fit<S: Surface<P>, const P: usize>(
             let inliers = whole.iter().map(sound).collect();
             settled(surface, floor, inliers, &whole, limit, sample)
         }
-        None => settled(start.clone(), first, near(&whole), &whole, limit, sample),
+        None => {
+            let inliers = near(&whole);
+            settled(start, first, inliers, &whole, limit, sample)
+        }
     };
     let Stand { surface, floor, inliers, feet } = stand?;
     let inliers: Vec<usize> = (0..all.len()).filter(|&i| inliers[i]).collect();

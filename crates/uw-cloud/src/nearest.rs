@@ -1,5 +1,7 @@
 //! The point of a mesh that is nearest to a place: a tree of boxes over the triangles, and exact distances to them.
 
+mod hit;
+
 use crate::mesh::{Links, NONE, TriangleMesh};
 use nalgebra::Vector3;
 

@@ -24,11 +24,14 @@ use crate::error::RegisterError;
 use crate::nearest::NearestOnMesh;
 pub(crate) use joint::{Joint, joint};
 use nalgebra::{Isometry3, Matrix6, Vector3, Vector6};
+use rayon::prelude::*;
 use refine::{Bounds, Fitted, refine};
 use rivals::Judge;
 use sample::{Sample, Samples, TUKEY, Target};
 
 const MAX_ROUNDS: usize = 80;
+/// Points that bring a pose near before all of them have a say.
+const PREPARED: usize = 2500;
 /// Scatter of a good fit beyond what points and mesh tell of, in units of the cloud's radius: wear and form errors are less. A wrong pose
 /// scatters by more, and must not be taken for a good one of a bad form.
 const MOST_SCATTER: f64 = 0.006;
@@ -157,16 +160,28 @@ fn aligned(samples: &Samples, target: &Target<'_, '_>, start: Start) -> Registra
         Start::Anywhere => anywhere(samples, target),
     };
     let bounds = Bounds { reach, rounds: MAX_ROUNDS };
-    let mut fitted = refine(target, &all, radius, pose, bounds, &[]);
+    // Some of the points bring it near: the rest then takes few rounds.
+    let near = refine(target, &samples.few(PREPARED), radius, pose, bounds, &[]);
+    let (begun, short) = if near.rms.is_finite() && all.len() > 2 * PREPARED {
+        let noise = near.rms.max(near.floor).max(1e-9 * radius);
+        (near.pose, Bounds { reach: (4.0 * TUKEY * noise).min(reach), ..bounds })
+    } else {
+        (pose, bounds)
+    };
+    let mut fitted = refine(target, &all, radius, begun, short, &[]);
     let floor = fitted.floor.clamp(1e-6 * radius, MOST_SCATTER * radius);
-    let judge = Judge { target, points: samples.few(rivals::COMPARED), floor };
+    let judge = Judge::new(samples, target, rivals::COMPARED, floor);
     let mut free = Vec::new();
     if fitted.rms.is_finite() {
         free = rivals::undetermined(samples, &judge, &fitted);
-        if !free.is_empty() && matches!(start, Start::Near(..)) {
-            // What is not determined stays as it was begun with.
-            let again = refine(target, &all, radius, pose, bounds, &free);
-            if Judge::as_good(&judge.costs(&again.pose), &judge.costs(&fitted.pose)) {
+        if !free.is_empty() {
+            // What is not determined stays as it was begun with: of a start anywhere, as the cloud's own coordinates have it.
+            let again = match start {
+                Start::Near(..) => refine(target, &all, radius, pose, bounds, &free),
+                Start::Anywhere => unmoved(samples, target, &all, &fitted, &free),
+            };
+            if again.rms.is_finite() && Judge::as_good(&judge.costs(&again.pose), &judge.costs(&fitted.pose))
+            {
                 fitted = again;
             }
         }
@@ -188,6 +203,34 @@ fn aligned(samples: &Samples, target: &Target<'_, '_>, start: Start) -> Registra
         rivals,
         ..told(&fitted, samples, &free)
     }
+}
+
+/// Returns the pose that undetermined motions lead to from one that was found, nearest to where the cloud's own coordinates have it.
+fn unmoved(
+    samples: &Samples,
+    target: &Target<'_, '_>,
+    points: &[&Sample],
+    found: &Fitted,
+    free: &[Vector6<f64>],
+) -> Fitted {
+    let radius = samples.radius;
+    let mut pose = found.pose;
+    // A turn and a shift one after the other are a screw to first order only.
+    for _ in 0..4 {
+        let way = rivals::motion(&Isometry3::identity(), &pose, samples);
+        let along: Vector6<f64> = free.iter().map(|free| free * free.dot(&way)).sum();
+        pose = refine::moved(&pose, &samples.middle, radius, &along);
+    }
+    let bounds = Bounds { reach: (0.1 * radius).max(4.0 * TUKEY * found.rms), rounds: MAX_ROUNDS };
+    let near = refine(target, &samples.few(PREPARED), radius, pose, bounds, free);
+    refine(
+        target,
+        points,
+        radius,
+        near.pose,
+        Bounds { reach: bounds.reach.min(20.0 * found.rms.max(1e-9 * radius)), ..bounds },
+        free,
+    )
 }
 
 fn told(fitted: &Fitted, samples: &Samples, free: &[Vector6<f64>]) -> Registration {
@@ -220,17 +263,16 @@ fn anywhere(samples: &Samples, target: &Target<'_, '_>) -> (Isometry3<f64>, f64,
     let refined = |poses: Vec<Isometry3<f64>>, (_, points, rounds): (usize, usize, usize), reach: f64| {
         let points = samples.few(points);
         let bounds = Bounds { reach, rounds };
-        let refined: Vec<Fitted> =
-            poses.into_iter().map(|pose| refine(target, &points, radius, pose, bounds, &[])).collect();
-        refined
+        let one = |pose| refine(target, &points, radius, pose, bounds, &[]);
+        poses.into_par_iter().map(one).collect::<Vec<Fitted>>()
     };
     let judged = |fitted: Vec<Fitted>, points: usize, floor: f64| {
-        let judge = Judge { target, points: samples.few(points), floor };
+        let judge = Judge::new(samples, target, points, floor);
         let mean = |fitted: &Fitted| {
             let costs = judge.costs(&fitted.pose);
             costs.iter().sum::<f64>() / costs.len() as f64
         };
-        let mut judged: Vec<(f64, Fitted)> = fitted.into_iter().map(|f| (mean(&f), f)).collect();
+        let mut judged: Vec<(f64, Fitted)> = fitted.into_par_iter().map(|f| (mean(&f), f)).collect();
         judged.sort_by(|a, b| a.0.total_cmp(&b.0));
         judged
     };

@@ -13,6 +13,10 @@ const LONGEST_STEP: f64 = 0.3;
 /// The least scatter, in units of the cloud's radius: of numbers without noise.
 const ROUNDING: f64 = 1e-9;
 
+/// A step that is the last, in units of the points' noise (a pose from thousands of them is known to about a hundredth of it) and of the cloud's radius.
+const SETTLED: f64 = 3e-4;
+const NO_STEP: f64 = 1e-9;
+
 /// A pose that came to rest, or ran out of rounds.
 pub(super) struct Fitted {
     pub(super) pose: Isometry3<f64>,
@@ -78,7 +82,7 @@ pub(super) fn refine(
         // What is farther off than anything that has a say is looked for no more.
         let noise = (told + floor2).sqrt();
         let next = (3.0 * TUKEY * noise).min(reach);
-        let settled = step.norm() < 1e-4 * noise + 1e-12 * radius && next > 0.9 * reach;
+        let settled = step.norm() < SETTLED * noise + NO_STEP * radius && next > 0.9 * reach;
         reach = next.max(0.5 * reach);
         if settled {
             break;

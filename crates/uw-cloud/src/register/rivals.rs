@@ -3,7 +3,7 @@
 use super::refine::{Bounds, Fitted, moved, refine};
 use super::sample::{Sample, Samples, TUKEY, Target};
 use super::starts::{SAME_POSE, apart};
-use nalgebra::{Isometry3, Vector3, Vector6};
+use nalgebra::{Isometry3, Point3, Vector3, Vector6};
 
 /// Patches of a cloud whose deviations have to do with each other no more: what two poses differ by is tested with no more of them,
 /// however many points there are.
@@ -24,11 +24,40 @@ pub(super) struct Judge<'a, 'm> {
     pub(super) target: &'a Target<'a, 'm>,
     pub(super) points: Vec<&'a Sample>,
     pub(super) floor: f64,
+    /// How far before a point, as seen from the sensor, the mesh must not stand, mm: else the point would not have been seen. `None` where nobody knows
+    /// where the sensor was.
+    pub(super) clear_mm: Option<f64>,
 }
 
-impl Judge<'_, '_> {
+/// Scatters before a point that are its own surface's, and the share of the cloud's radius that a form may err by.
+const CLEAR_SCATTERS: f64 = 10.0;
+const CLEAR_SHARE: f64 = 0.02;
+
+impl<'a, 'm> Judge<'a, 'm> {
+    pub(super) fn new(samples: &'a Samples, target: &'a Target<'a, 'm>, points: usize, floor: f64) -> Self {
+        // Of a sweep that was seen from its frame's origin.
+        let clear_mm = samples.signed.then_some(CLEAR_SCATTERS * floor + CLEAR_SHARE * samples.radius);
+        Self { target, points: samples.few(points), floor, clear_mm }
+    }
+
     pub(super) fn costs(&self, pose: &Isometry3<f64>) -> Vec<f64> {
-        self.target.costs(self.points.iter().copied(), pose, self.floor)
+        let mut costs = self.target.costs(self.points.iter().copied(), pose, self.floor);
+        if let Some(clear_mm) = self.clear_mm {
+            let sensor = pose.translation.vector;
+            for (cost, sample) in costs.iter_mut().zip(&self.points) {
+                let place = (pose * Point3::from(sample.place)).coords;
+                let sight = place - sensor;
+                let length = sight.norm();
+                // What lies as near before a point may be the surface that it is of.
+                if *cost < 1.0
+                    && length > clear_mm
+                    && self.target.mesh.stands_between(&sensor, &(place - sight * (clear_mm / length)))
+                {
+                    *cost = 1.0;
+                }
+            }
+        }
+        costs
     }
 
     /// Whether a pose with some costs fits as well as one with others.
@@ -102,9 +131,9 @@ pub(super) fn rivals(
 
 /// The motion that leads from one pose to another along one screw: turn in units of the radius about where the second one brings the
 /// cloud's middle, and shift, both at the start.
-fn motion(to: &Isometry3<f64>, from: &Isometry3<f64>, samples: &Samples) -> Vector6<f64> {
+pub(super) fn motion(to: &Isometry3<f64>, from: &Isometry3<f64>, samples: &Samples) -> Vector6<f64> {
     let between = to * from.inverse();
-    let middle = from * nalgebra::Point3::from(samples.middle);
+    let middle = from * Point3::from(samples.middle);
     let shift = (between * middle) - middle;
     let turn = between.rotation.scaled_axis();
     let angle = turn.norm();

@@ -10,6 +10,7 @@ use crate::robust::Random;
 use std::ops::Range;
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
+use rayon::prelude::*;
 
 /// Classes of distances up to the cloud's widest, and of angles up to 180°.
 const DISTANCES: f64 = 20.0;
@@ -81,6 +82,9 @@ pub(super) fn starts(samples: &Samples, target: &Target<'_, '_>, most: usize) ->
     // like few others, too.
     pairs.iter_mut().for_each(|pairs| pairs.sort_by_key(|(count, ..)| *count));
     for (count, pair, found) in pairs.iter().flat_map(|pairs| pairs.iter().take(PAIRS)) {
+        if trial.is_over() {
+            break;
+        }
         let Some(from) = frame(&pair[0], &pair[1]) else { continue };
         for _ in 0..(POSES_A_PAIR / sides.len().min(2)).min(*count) {
             let mut at = random.below(*count);
@@ -205,41 +209,65 @@ struct Trial<'a> {
     target: &'a Target<'a, 'a>,
     samples: &'a Samples,
     few: Vec<&'a Sample>,
+    /// Still to be tried, together and on several threads.
+    waiting: Vec<Isometry3<f64>>,
     /// By cost.
     kept: Vec<(f64, Isometry3<f64>)>,
     /// Costs of the worst pose that is sure to be looked at further.
     bar: f64,
 }
 
+/// Poses that are tried together, each against the bar that the last ones set.
+const TOGETHER: usize = 128;
+/// Poses that are kept.
+const KEPT: usize = 300;
+/// A bar below which no pose is better than those that are kept: the form looks the same wherever it is laid.
+const ALL_ALIKE: f64 = 0.01;
+
 impl<'a> Trial<'a> {
     fn new(samples: &'a Samples, target: &'a Target<'a, 'a>, random: &mut Random) -> Self {
         let few = (0..TRIED).map(|_| &samples.points[random.below(samples.points.len())]).collect();
-        Self { target, samples, few, kept: Vec::new(), bar: 1.0 }
+        let (waiting, kept) = (Vec::with_capacity(TOGETHER), Vec::new());
+        Self { target, samples, few, waiting, kept, bar: 1.0 }
     }
 
     fn take(&mut self, pose: Isometry3<f64>) {
+        self.waiting.push(pose);
+        if self.waiting.len() == TOGETHER {
+            self.try_waiting();
+        }
+    }
+
+    fn is_over(&self) -> bool {
+        self.bar < ALL_ALIKE
+    }
+
+    fn try_waiting(&mut self) {
         /// A pose is given up where its first points cost more than the bar by this, two sigmas of their mean.
         const SLACK: f64 = 0.2;
-        const KEPT: usize = 300;
-        let cost = |points: &[&Sample]| {
-            let costs = self.target.costs(points.iter().copied(), &pose, ROUGH * self.samples.radius);
+        let cost = |pose: &Isometry3<f64>, points: &[&Sample]| {
+            let costs = self.target.costs(points.iter().copied(), pose, ROUGH * self.samples.radius);
             costs.iter().sum::<f64>() / costs.len() as f64
         };
-        if cost(&self.few[..FIRST]) > self.bar + SLACK {
-            return;
-        }
-        let cost = cost(&self.few);
-        if cost < self.bar || self.kept.len() < KEPT {
-            self.kept.push((cost, pose));
-            if self.kept.len() >= 2 * KEPT {
-                self.kept.sort_by(|a, b| a.0.total_cmp(&b.0));
-                self.kept.truncate(KEPT);
-                self.bar = self.kept[KEPT - 1].0;
+        let tried = |pose: &Isometry3<f64>| {
+            (cost(pose, &self.few[..FIRST]) <= self.bar + SLACK).then(|| (cost(pose, &self.few), *pose))
+        };
+        let tried: Vec<Option<(f64, Isometry3<f64>)>> = self.waiting.par_iter().map(tried).collect();
+        self.waiting.clear();
+        for (cost, pose) in tried.into_iter().flatten() {
+            if cost < self.bar || self.kept.len() < KEPT {
+                self.kept.push((cost, pose));
+                if self.kept.len() >= 2 * KEPT {
+                    self.kept.sort_by(|a, b| a.0.total_cmp(&b.0));
+                    self.kept.truncate(KEPT);
+                    self.bar = self.kept[KEPT - 1].0;
+                }
             }
         }
     }
 
     fn best(mut self, most: usize) -> Vec<Isometry3<f64>> {
+        self.try_waiting();
         self.kept.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut chosen: Vec<Isometry3<f64>> = Vec::new();
         for (_, pose) in &self.kept {

@@ -163,3 +163,87 @@ fn deviations_have_sign_statistics_and_a_histogram() {
     assert_eq!(histogram.counts.iter().sum::<usize>(), 1001);
     assert!(compare(&points[1001..], None, &tree).is_none());
 }
+
+/// A pipe of 20 mm along x, 900 mm away, with a flange of 35 mm: from where to where along x each radius goes.
+const PIPE: [([f64; 2], f64); 3] = [([-60.0, 30.0], 20.0), ([30.0, 40.0], 35.0), ([40.0, 100.0], 20.0)];
+const AXIS_MM: f64 = 900.0;
+const FLOOR_MM: f64 = 922.0;
+
+/// The pipe's surface, closed at its ends, seen from outside.
+fn flanged_pipe() -> TriangleMesh {
+    const AROUND: u32 = 96;
+    let mut profile = vec![[-60.0, 0.1]];
+    for ([from, to], radius) in PIPE {
+        let steps = ((to - from) / 2.0) as u32;
+        profile.extend((0..=steps).map(|i| [from + (to - from) * f64::from(i) / f64::from(steps), radius]));
+    }
+    profile.push([100.0, 0.1]);
+    let place = |[x, r]: [f64; 2], i: u32| {
+        let t = f64::from(i) / f64::from(AROUND) * std::f64::consts::TAU;
+        [x, r * t.cos(), AXIS_MM + r * t.sin()]
+    };
+    let vertices = profile.iter().flat_map(|&p| (0..AROUND).map(move |i| place(p, i))).collect();
+    let rings = 0..profile.len() as u32 - 1;
+    let quads = rings.flat_map(|r| (0..AROUND).map(move |i| [r * AROUND + i, r * AROUND + (i + 1) % AROUND]));
+    let triangles = quads.flat_map(|[a, b]| [[a, a + AROUND, b], [b, a + AROUND, b + AROUND]]).collect();
+    TriangleMesh::new(Frame::Camera, vertices, triangles).expect("corners are vertices")
+}
+
+/// What a camera at the origin sees of it and of the floor behind, from x = −50 mm to 88 mm.
+fn seen_pipe(random: &mut StdRng) -> PointCloud {
+    let (mut points, mut pixels) = (Vec::new(), Vec::new());
+    for i in 0..90 {
+        for j in 0..70 {
+            let [u, v] = [(f64::from(i) * 1.55 - 50.0) / 900.0, (f64::from(j) * 1.6 - 55.0) / 900.0];
+            let mut depth = FLOOR_MM;
+            for ([from, to], radius) in PIPE {
+                // |(v z, z − axis)| = radius; then the flange's faces.
+                let (a, b, c) = (1.0 + v * v, AXIS_MM, AXIS_MM * AXIS_MM - radius * radius);
+                let root = b * b - a * c;
+                let side = (b - root.max(0.0).sqrt()) / a;
+                if root >= 0.0 && (from..to).contains(&(u * side)) {
+                    depth = depth.min(side);
+                }
+                for face in [from, to] {
+                    let z = face / u;
+                    if z > 0.0 && (v * z).hypot(z - AXIS_MM) < radius {
+                        depth = depth.min(z);
+                    }
+                }
+            }
+            points.push([u * depth, v * depth, depth + SIGMA_MM * gauss(random)]);
+            pixels.push([(1900.0 * u) as f32, (1900.0 * v) as f32]);
+        }
+    }
+    let variance = (SIGMA_MM * SIGMA_MM) as f32;
+    let covariances = vec![[0.0, 0.0, 0.0, 0.0, 0.0, variance]; points.len()];
+    let cloud = PointCloud::new(Frame::Camera, points).with_covariances_mm2(covariances);
+    cloud.and_then(|cloud| cloud.with_pixels(pixels)).expect("one a point")
+}
+
+#[test]
+fn a_pipe_before_its_floor_is_found_where_it_is() {
+    let reference = flanged_pipe();
+    let tree = NearestOnMesh::new(&reference).unwrap();
+    let cloud = seen_pipe(&mut random(6));
+    for moved in [Isometry3::identity(), pose([0.3, -0.2, 0.9], [40.0, -25.0, 60.0])] {
+        // Moved with its sensor, as another frame would have it: then nothing is known of where that was.
+        let cloud = if moved == Isometry3::identity() {
+            cloud.clone()
+        } else {
+            let covariances = cloud.covariances_mm2().unwrap().to_vec();
+            PointCloud::new(Frame::Camera, cloud.positions_mm().to_vec())
+                .with_covariances_mm2(covariances)
+                .unwrap()
+                .transformed(Frame::Camera, &moved)
+        };
+        let found = register(&cloud, &tree, Start::Anywhere, 0.2).unwrap();
+        // A turn about the axis is not determined: along it any place is as good.
+        let back = found.mesh_from_cloud * moved;
+        let axis = [-40.0, 35.0, 80.0].map(|x| back * Point3::new(x, 0.0, AXIS_MM));
+        for (x, place) in [-40.0, 35.0, 80.0].iter().zip(axis) {
+            let off = (place - Point3::new(*x, 0.0, AXIS_MM)).norm();
+            assert!(off < 0.2, "{off} mm at {x}: {found:?}");
+        }
+    }
+}

@@ -387,7 +387,8 @@ fn smoothing_keeps_steps_and_weighs_by_sigma() {
 #[test]
 fn the_steepest_angle_is_no_knob() {
     // Of a ball before a floor 1 to 2 % of the triangles face the sight at 82 to 88°.
-    let scenes: [(&str, f64, &dyn Fn(f64, f64) -> f64); 3] = [
+    type Scene<'a> = (&'a str, f64, &'a dyn Fn(f64, f64) -> f64);
+    let scenes: [Scene<'_>; 3] = [
         ("a strip", 2e-3, &|x, _| if x.abs() < 12.0 { DEPTH_MM - 8.0 } else { DEPTH_MM }),
         ("a ball", 2e-2, &|x, y| {
             let square = 30.0 * 30.0 - x * x - y * y;
