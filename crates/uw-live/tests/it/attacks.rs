@@ -13,9 +13,9 @@ use crate::scenes::{CONTROL, VIEW, local, serve, serve_with_tokens};
 
 const SOON: Duration = Duration::from_secs(5);
 
-fn say_hello(address: SocketAddr, token: serde_json::Value) -> u16 {
+fn say_hello(address: SocketAddr, token: &serde_json::Value) -> u16 {
     let mut client = Client::connect(address, None);
-    client.say(json!({"type": "hello", "token": token}));
+    client.say(&json!({"type": "hello", "token": token}));
     client.closed(SOON)
 }
 
@@ -49,12 +49,12 @@ fn tokens_that_are_wrong_or_missing_are_refused_slowly() {
     let address = server.listening();
     let began = Instant::now();
     for wrong in [json!(null), json!(""), json!(&CONTROL[1..]), json!(format!("{VIEW} "))] {
-        assert_eq!(say_hello(address, wrong.clone()), 4401, "{wrong}");
+        assert_eq!(say_hello(address, &wrong), 4401, "{wrong}");
     }
     assert!(began.elapsed() > Duration::from_secs(2), "four guesses in {:?}", began.elapsed());
     // Commands before the hello are none.
     let mut client = Client::connect(address, None);
-    client.say(json!({"type": "command", "id": 1, "do": "stop"}));
+    client.say(&json!({"type": "command", "id": 1, "do": "stop"}));
     assert_eq!(client.closed(SOON), 4401);
     assert_alive(address, Some(VIEW));
 }
@@ -68,7 +68,7 @@ fn pages_of_others_are_refused() {
         assert_eq!(client.closed(SOON), 4403, "{origin}");
     }
     let mut own = Client::connect(address, Some(&format!("http://{address}")));
-    own.say(json!({"type": "hello", "token": null}));
+    own.say(&json!({"type": "hello", "token": null}));
     own.text("welcome", SOON);
     // A name that was pointed at this machine.
     let rebound = raw(address, b"GET / HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n");
@@ -174,7 +174,7 @@ fn more_clients_than_there_is_room_for_are_told_so() {
     clients.iter_mut().for_each(|client| {
         client.text("welcome", SOON);
     });
-    assert_eq!(say_hello(address, json!(null)), 4429);
+    assert_eq!(say_hello(address, &json!(null)), 4429);
     clients.pop();
     let deadline = Instant::now() + SOON;
     while say_hello_is_refused(address) {

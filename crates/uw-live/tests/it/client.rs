@@ -50,11 +50,11 @@ impl Client {
     /// Connects and says hello.
     pub fn hello(address: SocketAddr, token: Option<&str>, name: &str) -> Self {
         let mut client = Self::connect(address, None);
-        client.say(json!({"type": "hello", "token": token, "client": name, "bandwidth_kbps": null}));
+        client.say(&json!({"type": "hello", "token": token, "client": name, "bandwidth_kbps": null}));
         client
     }
 
-    pub fn say(&mut self, value: Value) {
+    pub fn say(&mut self, value: &Value) {
         self.socket.send(Message::text(value.to_string())).unwrap();
     }
 
@@ -110,7 +110,7 @@ impl Client {
 
     /// Asks, and waits for the answer: `None` where it is done, else why not.
     pub fn command(&mut self, id: u64, word: &str) -> Option<String> {
-        self.say(json!({"type": "command", "id": id, "do": word}));
+        self.say(&json!({"type": "command", "id": id, "do": word}));
         loop {
             let answer = self.text("answer", Duration::from_secs(5));
             if answer["id"] == id {

@@ -103,7 +103,7 @@ fn over_one_megabit_with_a_long_way_the_view_is_fresh_and_commands_are_heard() {
     while began.elapsed() < Duration::from_secs(12) {
         if asked_at.is_none() && began.elapsed() > Duration::from_secs(2 + id) {
             id += 1;
-            client.say(serde_json::json!({"type": "command", "id": id, "do": "laser-off"}));
+            client.say(&serde_json::json!({"type": "command", "id": id, "do": "laser-off"}));
             asked_at = Some(Instant::now());
         }
         match client.next(Duration::from_millis(20)) {

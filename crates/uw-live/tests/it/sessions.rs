@@ -92,8 +92,8 @@ fn the_points_of_a_client_are_the_clouds() {
     // Another client that has a part of it already gets the rest.
     drop(client);
     let mut client = Client::connect(server.listening(), None);
-    client.say(json!({"type": "hello", "token": null, "client": "back", "bandwidth_kbps": null}));
-    client.say(json!({"type": "have", "epoch": cloud.epoch, "points": 4000}));
+    client.say(&json!({"type": "hello", "token": null, "client": "back", "bandwidth_kbps": null}));
+    client.say(&json!({"type": "have", "epoch": cloud.epoch, "points": 4000}));
     cloud.points.truncate(4000);
     let mut again = Cloud { epoch: cloud.epoch, points: cloud.points.clone(), ..Cloud::default() };
     // What was on its way before the server knew begins at the beginning.
