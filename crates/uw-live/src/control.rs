@@ -114,10 +114,10 @@ pub(crate) struct Outbox {
 
 impl Outbox {
     pub(crate) fn answer(&self, id: u64, error: Option<&str>) {
-        self.put(serde_json::json!({"type": "answer", "id": id, "ok": error.is_none(), "error": error}));
+        self.put(&serde_json::json!({"type": "answer", "id": id, "ok": error.is_none(), "error": error}));
     }
 
-    pub(crate) fn put(&self, message: serde_json::Value) {
+    pub(crate) fn put(&self, message: &serde_json::Value) {
         let mut waiting = self.waiting();
         if waiting.len() >= MOST_ANSWERS {
             waiting.pop_front();

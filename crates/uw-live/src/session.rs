@@ -264,7 +264,7 @@ fn hear(message: FromClient, client: &Client, site: &Site, budget: &mut Budget) 
         }
         FromClient::Captures => {
             let names = &site.shared.board().about.value.captures;
-            client.outbox.put(json!({"type": "captures", "names": names}));
+            client.outbox.put(&json!({"type": "captures", "names": names}));
         }
         FromClient::Command { id, word } => command(id, word, client, site),
         FromClient::Replay { id, word, capture, frame, rate } => {

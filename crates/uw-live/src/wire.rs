@@ -265,8 +265,8 @@ mod tests {
             let step = f64::from(f32_at(&bytes, 36));
             prop_assert!(step <= 10_000.0 / 65_000.0);
             for (i, point) in sent.iter().enumerate() {
-                for axis in 0..3 {
-                    let got = corner[axis] + step * f64::from(u16_at(&bytes, 40 + 7 * i + 2 * axis));
+                for (axis, corner) in corner.iter().enumerate() {
+                    let got = corner + step * f64::from(u16_at(&bytes, 40 + 7 * i + 2 * axis));
                     let off = (got - f64::from(point.position_mm[axis])).abs();
                     prop_assert!(off <= 0.5001 * step, "{} of {}", off, step);
                 }

@@ -305,6 +305,7 @@ fn spaced(bytes: usize, share: f64) -> Duration {
 }
 
 /// What bounds a client's points.
+#[derive(Clone, Copy)]
 struct Wish {
     /// Bytes a second.
     share: f64,
