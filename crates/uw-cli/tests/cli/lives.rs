@@ -244,13 +244,13 @@ fn a_recording_is_served_with_a_time_line() {
     assert_eq!(replay(&mut live, json!({"do": "pause"})), None);
     assert_eq!(replay(&mut live, json!({"do": "seek", "frame": 42})), None);
     live.wait("the last frame", |text| text["type"] == "timeline" && text["at_frame"] == 42);
-    // What was jumped over is made meanwhile: all of the ball.
+    // What was jumped over is made meanwhile: most of the ball, at least.
+    const MANY: usize = 1000;
     let until = Instant::now() + LONG;
-    while live.points < 5000 {
+    while live.points < MANY {
         assert!(Instant::now() < until, "{} points", live.points);
         live.next().unwrap();
     }
-    let whole = live.points;
     assert!(replay(&mut live, json!({"do": "seek", "frame": 43})).unwrap().contains("43 images"));
     assert!(
         replay(&mut live, json!({"do": "open", "capture": "../../etc"})).unwrap().contains("no recording")
@@ -261,7 +261,7 @@ fn a_recording_is_served_with_a_time_line() {
     while Instant::now() < until {
         live.next().unwrap();
     }
-    assert!(live.points < whole / 4, "{} of {whole} points at the first frame", live.points);
+    assert!(live.points < MANY / 4, "{} points at the first frame", live.points);
     let (refused, _) = live.ask(json!({"type": "command", "do": "stop"}));
     assert!(refused.unwrap().contains("recording"));
 }
