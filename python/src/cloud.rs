@@ -297,7 +297,7 @@ pub fn cloud_of(
     match (covariance_mm2, sigma_mm) {
         (Some(_), Some(_)) => return Err(input(py, "give covariance_mm2 or sigma_mm, not both")),
         (Some(given), None) => {
-            cloud = cloud.with_covariances_mm2(packed_covariances(given, n)?).or_raise(py)?
+            cloud = cloud.with_covariances_mm2(packed_covariances(given, n)?).or_raise(py)?;
         }
         (None, Some(given)) => {
             // The same in all directions, as nothing else is said.

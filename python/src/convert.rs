@@ -125,7 +125,7 @@ pub fn floats<'py>(name: &str, any: &Bound<'py, PyAny>) -> PyResult<PyReadonlyAr
     if !matches!(kind.as_str(), "f" | "i" | "u") {
         return Err(error(py, Class::Dtype, format!("{name} must hold real numbers, got {dtype}")));
     }
-    Ok(array.call_method1("astype", ("float64",))?.extract()?)
+    array.call_method1("astype", ("float64",))?.extract()
 }
 
 /// Borrows `columns` numbers a row: (n, columns), or a single row (columns,).

@@ -246,10 +246,10 @@ pub fn extract_stripe<'py>(
         (Images::U8(images), None) => job.run(py, images, None, &mut values, &mut notes)?,
         (Images::U16(images), None) => job.run(py, images, None, &mut values, &mut notes)?,
         (Images::U8(images), Some(Images::U8(dark))) => {
-            job.run(py, images, Some(dark), &mut values, &mut notes)?
+            job.run(py, images, Some(dark), &mut values, &mut notes)?;
         }
         (Images::U16(images), Some(Images::U16(dark))) => {
-            job.run(py, images, Some(dark), &mut values, &mut notes)?
+            job.run(py, images, Some(dark), &mut values, &mut notes)?;
         }
         _ => return Err(input(py, "background must be of the image's type")),
     }
