@@ -91,8 +91,8 @@ impl Bends {
         if squares.is_empty() {
             return;
         }
-        let variance = share * median(squares);
-        let limit = LIMIT_WIDTHS * variance.sqrt();
+        let square = median(squares);
+        let (variance, limit) = (share * square, LIMIT_WIDTHS * square.sqrt());
         let sigma_px = median(sigmas);
         for (i, line) in lines.enumerate() {
             let bend = curves.bend[i];
