@@ -91,8 +91,8 @@ fn no_surface(mesh: &TriangleMesh, depth_mm: &dyn Fn(f64, f64) -> f64) -> usize 
     mesh.triangles().iter().filter(is_off).count()
 }
 
-/// Triangles behind a round outline that may be left of thousands: README, Limits. A low pipe of 8 mm has left nine.
-const STILL_SPANNED: usize = 12;
+/// Triangles behind a round outline that may be left of some 14 000: README, Limits. A low pipe of 9 mm has left thirteen.
+const STILL_SPANNED: usize = 28;
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
