@@ -152,16 +152,7 @@ impl Stream {
     }
 
     fn stripe(&self, stripe: &Stripe) {
-        let lines = recording::Stripe {
-            stamp_ns: stripe.stamp_ns,
-            frame: stripe.frame,
-            across: stripe.across,
-            lines: &stripe.lines,
-            position_px: &stripe.position_px,
-            sigma_px: &stripe.sigma_px,
-            width_px: &stripe.width_px,
-            amplitude: &stripe.amplitude,
-        };
+        let lines = lines(stripe);
         self.put(topics::PROFILE, stripe.stamp_ns, || stream::profile(&lines));
         self.put(topics::POINTS, stripe.stamp_ns, || stream::points(&stripe.cloud, stripe.stamp_ns));
         let state = GalvoState {
@@ -196,16 +187,7 @@ impl Stream {
         self.put(topics::FRAME, stamp_ns, || stream::frame(&shot, crc));
         self.put(topics::IMAGE, stamp_ns, || bytes);
         if let Some(stripe) = &made.shown.stripe {
-            let lines = recording::Stripe {
-                stamp_ns,
-                frame: stripe.frame,
-                across: stripe.across,
-                lines: &stripe.lines,
-                position_px: &stripe.position_px,
-                sigma_px: &stripe.sigma_px,
-                width_px: &stripe.width_px,
-                amplitude: &stripe.amplitude,
-            };
+            let lines = recording::Stripe { stamp_ns, ..lines(stripe) };
             self.put(topics::STRIPE, stamp_ns, || stream::annotation(&lines));
         }
     }
@@ -267,5 +249,19 @@ impl ParameterHandler for Parameters {
     fn set(&self, _: AnyClient, asked: Vec<Parameter>, _: Option<String>, responder: SetParametersResponder) {
         let names: Vec<String> = asked.into_iter().map(|parameter| parameter.name).collect();
         responder.respond(self.named(&names));
+    }
+}
+
+/// A stripe as the recording has it.
+fn lines(stripe: &Stripe) -> recording::Stripe<'_> {
+    recording::Stripe {
+        stamp_ns: stripe.stamp_ns,
+        frame: stripe.frame,
+        across: stripe.across,
+        lines: &stripe.lines,
+        position_px: &stripe.position_px,
+        sigma_px: &stripe.sigma_px,
+        width_px: &stripe.width_px,
+        amplitude: &stripe.amplitude,
     }
 }

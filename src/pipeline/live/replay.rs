@@ -1,6 +1,6 @@
 //! Recordings shown as if they were scanned now, with a time line.
 
-use super::watch::{stamp_ns, told};
+use super::watch::told;
 use crate::Error;
 use crate::live::{About, Action, Asked, Feed, Level, Mode, Phase, Replay, State, Stripe, Timeline};
 use crate::pipeline::load::Reading;
@@ -16,7 +16,7 @@ use uw_hw::frame::Layout;
 use uw_hw::{Exposure, Frame};
 use uw_io::calibration_toml::{self, CalibrationFile};
 use uw_io::{Capture, FrameRecord, GrayImage, Kind, Pixels, Rig, SaidBy};
-use uw_live::feed::Picture;
+use uw_live::feed::{Picture, now_ns};
 use uw_stripe::Method;
 
 /// Shortest and longest time from an image to the next.
@@ -400,7 +400,7 @@ impl<'a> Player<'a> {
             elapsed_s: self.began.elapsed().as_secs_f64(),
             left_s: self.playing.then(|| left as f64 * self.between().as_secs_f64()),
             recording: Some(self.name.to_owned()),
-            stamp_ns: stamp_ns(),
+            stamp_ns: now_ns(),
             ..State::default()
         });
     }

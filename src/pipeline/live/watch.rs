@@ -13,7 +13,7 @@ use uw_cloud::PointCloud;
 use uw_hw::CameraSettings;
 use uw_io::calibration_toml::CalibrationFile;
 use uw_io::recording;
-use uw_live::feed::Picture;
+use uw_live::feed::{Picture, now_ns};
 
 /// Frames, and the time, over which a rate is told.
 const RATE_FRAMES: usize = 256;
@@ -142,7 +142,7 @@ impl Watch {
 
     fn tell(&self, running: &mut Running) {
         let now = Instant::now();
-        running.state.stamp_ns = stamp_ns();
+        running.state.stamp_ns = now_ns();
         let held = running.held_since.map_or(Duration::ZERO, |since| now - since) + running.held;
         if running.state.phase != Phase::Finished {
             running.state.elapsed_s = (running.began.elapsed().saturating_sub(held)).as_secs_f64();
@@ -175,12 +175,6 @@ impl Running {
         let left = self.state.planned.map(|planned| planned.saturating_sub(self.state.frames));
         self.state.left_s = left.filter(|_| self.state.rate_hz > 0.0).map(|n| n as f64 / self.state.rate_hz);
     }
-}
-
-/// Now, nanoseconds since the Unix epoch.
-pub(super) fn stamp_ns() -> u64 {
-    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
-    since.map_or(0, |since| u64::try_from(since.as_nanos()).unwrap_or(u64::MAX))
 }
 
 impl Observer for Watch {

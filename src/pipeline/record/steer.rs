@@ -60,11 +60,6 @@ impl Steering {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Whether something is driven.
-    pub fn is_scanning(&self) -> bool {
-        self.state().handle.is_some()
-    }
-
     /// Holds the scan before its next exposure, or after the one that is under way.
     ///
     /// # Errors
