@@ -25,8 +25,7 @@ impl<P: Pixel> Front<P> {
         let layout = Layout { apart: blocks.count * P::N, last: (strips - 1) * blocks.count * P::N };
         self.map.resize(strips * layout.apart);
         for block in 0..blocks.count {
-            let to = (&mut self.map[block * P::N..], layout);
-            maxima(level, image, roi, blocks.range(block), to);
+            maxima(level, image, &roi, blocks.range(block), layout, &mut self.map[block * P::N..]);
         }
         for strip in 0..strips {
             dispatch!(level, simd => self.strip(simd, image, blocks, wanted, strip));

@@ -55,7 +55,7 @@ impl Engine {
         self.gate.age = if all { 0 } else { self.gate.age + 1 };
         self.gate.groups.resize(groups, None);
         if all {
-            self.region(job, buffers, stripe);
+            self.region(&job, buffers, stripe);
             for group in 0..groups {
                 self.gate.groups[group] = extent(&job, group, stripe);
             }
@@ -78,9 +78,9 @@ impl Engine {
             for again in [false, true] {
                 let part = part(&job, group, around, tracking.reach_px);
                 if part.kind == Kind::Robust {
-                    self.region(part, buffers, stripe);
+                    self.region(&part, buffers, stripe);
                 } else {
-                    self.first::<P, false>(part, around.is_some(), buffers, stripe);
+                    self.first::<P, false>(&part, around.is_some(), buffers, stripe);
                 }
                 now = extent(&job, group, stripe);
                 if again {

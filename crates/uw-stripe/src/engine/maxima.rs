@@ -1,7 +1,6 @@
 //! Pass one: the largest grey values of blocks of rows, at the speed of a read.
 //!
-//! Rows are read in the order of memory, each from end to end: to read several at once, or parts of several in turn, takes three times as
-//! long where they come from memory, since the processor's prefetching follows one row at a time.
+//! Rows are read in the order of memory, a kilobyte of each at least where they have as much: the processor's prefetching follows one row at a time.
 
 use std::ops::Range;
 
@@ -21,93 +20,84 @@ pub(super) struct Layout {
     pub last: usize,
 }
 
+/// Some rows of a region, and where their maxima go.
+struct Strip<'a, P> {
+    /// From the first row's first pixel on, and pixels from a row to the next.
+    pixels: &'a [P],
+    stride: usize,
+    width: usize,
+    rows: usize,
+    layout: Layout,
+}
+
 /// Largest grey value of each column in some rows of a region at least a vector wide.
+///
+/// What steps are told that are dispatched block by block goes by reference: to copy what was just written in parts, all at once, waits until
+/// it has reached the cache.
 #[inline(never)]
 pub(super) fn maxima<P: Pixel>(
     level: Level,
     image: &View<'_, P>,
-    roi: Roi,
+    roi: &Roi,
     rows: Range<usize>,
-    to: (&mut [P], Layout),
+    layout: Layout,
+    map: &mut [P],
 ) {
-    dispatch!(level, simd => maxima_here(simd, image, roi, rows, to));
+    let (pixels, stride) = image.starting_at(roi.x, roi.y + rows.start);
+    let strip = &Strip { pixels, stride, width: roi.width, rows: rows.len(), layout };
+    dispatch!(level, simd => maxima_here(simd, strip, map));
 }
 
+/// The rows in parts of a few vectors, whose maxima fit into registers: to keep them in memory would hold up every pixel that is read and lies
+/// as far into its page as a maximum that was just written into its own. Widths of sensors are a whole number of parts of one size.
 #[inline(always)]
-fn maxima_here<S: Simd, P: Pixel>(
-    simd: S,
-    image: &View<'_, P>,
-    roi: Roi,
-    rows: Range<usize>,
-    (map, layout): (&mut [P], Layout),
-) {
-    let strip = image.starting_at(roi.x, roi.y + rows.start);
-    let count = rows.len();
-    // Widths of which a row's maxima fit into registers: those of groups of columns, and of sensors.
-    match (roi.width / P::N, roi.width % P::N) {
-        (1, 0) => held::<S, P, 1>(simd, strip, count, (map, layout)),
-        (2, 0) => held::<S, P, 2>(simd, strip, count, (map, layout)),
-        (8, 0) => held::<S, P, 8>(simd, strip, count, (map, layout)),
-        (10, 0) => held::<S, P, 10>(simd, strip, count, (map, layout)),
-        (12, 0) => held::<S, P, 12>(simd, strip, count, (map, layout)),
-        (16, 0) => held::<S, P, 16>(simd, strip, count, (map, layout)),
-        (20, 0) => held::<S, P, 20>(simd, strip, count, (map, layout)),
-        (24, 0) => held::<S, P, 24>(simd, strip, count, (map, layout)),
-        _ => any_width(simd, strip, roi.width, count, (map, layout)),
+fn maxima_here<S: Simd, P: Pixel>(simd: S, strip: &Strip<'_, P>, map: &mut [P]) {
+    let whole = strip.width / P::N;
+    let mut done = 0;
+    match whole {
+        n if n.is_multiple_of(16) => done = parts::<S, P, 16>(simd, strip, map, done),
+        n if n.is_multiple_of(15) => done = parts::<S, P, 15>(simd, strip, map, done),
+        n if n.is_multiple_of(10) => done = parts::<S, P, 10>(simd, strip, map, done),
+        _ => {
+            done = parts::<S, P, 12>(simd, strip, map, done);
+            done = parts::<S, P, 4>(simd, strip, map, done);
+            done = parts::<S, P, 2>(simd, strip, map, done);
+        }
+    }
+    parts::<S, P, 1>(simd, strip, map, done);
+    if !strip.width.is_multiple_of(P::N) {
+        let last = strip.layout.last;
+        part::<S, P, 1>(simd, strip, strip.width - P::N, &mut map[last..]);
     }
 }
 
+/// As many parts of so many vectors as there are from `done` vectors on; how many are done then.
 #[inline(always)]
-fn held<S: Simd, P: Pixel, const COUNT: usize>(
+fn parts<S: Simd, P: Pixel, const COUNT: usize>(
     simd: S,
-    (pixels, stride): (&[P], usize),
-    rows: usize,
-    (map, layout): (&mut [P], Layout),
-) {
+    strip: &Strip<'_, P>,
+    map: &mut [P],
+    mut done: usize,
+) -> usize {
+    while done + COUNT <= strip.width / P::N {
+        part::<S, P, COUNT>(simd, strip, done * P::N, &mut map[done * strip.layout.apart..]);
+        done += COUNT;
+    }
+    done
+}
+
+/// Maxima of some vectors from pixel `from` of the rows on.
+#[inline(always)]
+fn part<S: Simd, P: Pixel, const COUNT: usize>(simd: S, strip: &Strip<'_, P>, from: usize, map: &mut [P]) {
     let mut best = [splat(simd, P::ZERO); COUNT];
-    for r in 0..rows {
-        let row = &pixels[r * stride..][..COUNT * P::N];
+    for r in 0..strip.rows {
+        let row = &strip.pixels[r * strip.stride + from..][..COUNT * P::N];
         for (best, part) in best.iter_mut().zip(row.chunks_exact(P::N)) {
             *best = best.max(vector(simd, part));
         }
     }
     for (i, best) in best.iter().enumerate() {
-        best.store_slice(&mut map[i * layout.apart..][..P::N]);
-    }
-}
-
-#[inline(always)]
-fn any_width<S: Simd, P: Pixel>(
-    simd: S,
-    (pixels, stride): (&[P], usize),
-    width: usize,
-    rows: usize,
-    (map, layout): (&mut [P], Layout),
-) {
-    for r in 0..rows {
-        add(simd, &pixels[r * stride..][..width], (map, layout), r == 0);
-    }
-}
-
-/// Takes a row into the maxima; the first one is them.
-#[inline(always)]
-fn add<S: Simd, P: Pixel>(simd: S, row: &[P], (map, layout): (&mut [P], Layout), first: bool) {
-    let parts = row.chunks_exact(P::N).zip(map.chunks_mut(layout.apart));
-    if first {
-        for (part, best) in parts {
-            vector(simd, part).store_slice(&mut best[..P::N]);
-        }
-    } else {
-        for (part, best) in parts {
-            let best = &mut best[..P::N];
-            vector(simd, part).max(vector(simd, best)).store_slice(best);
-        }
-    }
-    if !row.len().is_multiple_of(P::N) {
-        let best = &mut map[layout.last..layout.last + P::N];
-        let here = vector(simd, &row[row.len() - P::N..]);
-        let here = if first { here } else { here.max(vector(simd, best)) };
-        here.store_slice(best);
+        best.store_slice(&mut map[i * strip.layout.apart..][..P::N]);
     }
 }
 

@@ -19,7 +19,7 @@ const WIDENING: f32 = 0.1;
 const NARROWEST: f32 = 0.25;
 
 /// Lines of the group that starts at `from`, counted from the region's first; the last group of columns overlaps the one before.
-pub(super) fn group_from<P: Pixel>(job: Job<'_, P>, from: usize) -> Range<usize> {
+pub(super) fn group_from<P: Pixel>(job: &Job<'_, P>, from: usize) -> Range<usize> {
     let lines = job.lines();
     let first = match job.axis {
         Axis::PerRow => from,
@@ -33,22 +33,23 @@ impl Engine {
     #[inline(never)]
     pub(super) fn group<P: Pixel, const EXTRA: bool>(
         &mut self,
-        job: Job<'_, P>,
+        job: &Job<'_, P>,
         buffers: &mut Buffers<P>,
-        lines: (usize, Range<usize>),
+        rank: usize,
+        lines: Range<usize>,
         stripe: &mut Stripe,
     ) {
         let level = self.level;
-        dispatch!(level, simd => self.group_here::<_, P, EXTRA>(simd, job, buffers, lines, stripe));
+        dispatch!(level, simd => self.group_here::<_, P, EXTRA>(simd, job, buffers, (rank, &lines), stripe));
     }
 
     #[inline(always)]
     fn group_here<S: Simd, P: Pixel, const EXTRA: bool>(
         &mut self,
         simd: S,
-        job: Job<'_, P>,
+        job: &Job<'_, P>,
         buffers: &mut Buffers<P>,
-        (rank, lines): (usize, Range<usize>),
+        (rank, lines): (usize, &Range<usize>),
         stripe: &mut Stripe,
     ) {
         /// Times that windows are moved to where the estimate points.
@@ -56,7 +57,7 @@ impl Engine {
         let (_, _, length) = job.origin();
         let Buffers { front, windows } = buffers;
         let (first, count) = (lines.start, lines.len());
-        let at = &mut front.places[rank].at[lines];
+        let at = &mut front.places[rank].at[first..first + count];
         if at.iter().all(|a| *a == NOWHERE) {
             self.write::<P, EXTRA>(job, first, at, stripe);
             return;
@@ -105,7 +106,7 @@ impl Engine {
     #[inline(always)]
     fn write<P: Pixel, const EXTRA: bool>(
         &self,
-        job: Job<'_, P>,
+        job: &Job<'_, P>,
         first: usize,
         at: &[u32],
         stripe: &mut Stripe,

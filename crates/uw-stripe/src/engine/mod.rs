@@ -159,7 +159,7 @@ impl Engine {
         stripe.scatter_widths = 0.0;
         match tracking {
             Some(tracking) => self.tracked(job, tracking, buffers, stripe),
-            None => self.region(job, buffers, stripe),
+            None => self.region(&job, buffers, stripe),
         }
         if job.kind == Kind::Robust {
             self.company(job, stripe);
@@ -169,10 +169,10 @@ impl Engine {
 
     /// One region, by the kind of estimate asked for.
     #[inline(never)]
-    fn region<P: Pixel>(&mut self, job: Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
+    fn region<P: Pixel>(&mut self, job: &Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
         if job.kind == Kind::Robust {
             self.first::<P, true>(job, false, buffers, stripe);
-            self.robust(job, buffers, stripe);
+            self.robust(*job, buffers, stripe);
         } else {
             self.first::<P, false>(job, false, buffers, stripe);
         }
@@ -186,7 +186,7 @@ impl Engine {
     #[inline(never)]
     fn first<P: Pixel, const EXTRA: bool>(
         &mut self,
-        job: Job<'_, P>,
+        job: &Job<'_, P>,
         near: bool,
         buffers: &mut Buffers<P>,
         stripe: &mut Stripe,
@@ -205,10 +205,10 @@ impl Engine {
                 Axis::PerRow if near => {
                     buffers.front.rows_nearby(level, &job.image, job.roi, group.clone());
                 }
-                Axis::PerRow => buffers.front.rows(level, &job.image, job.roi, wanted, group.clone()),
+                Axis::PerRow => buffers.front.rows(level, &job.image, &job.roi, &wanted, group.clone()),
                 Axis::PerColumn => {}
             }
-            self.group::<P, EXTRA>(job, buffers, (0, group), stripe);
+            self.group::<P, EXTRA>(job, buffers, 0, group, stripe);
         }
     }
 }

@@ -139,7 +139,7 @@ impl Engine {
         stripe: &mut Stripe,
     ) {
         for from in (0..job.lines()).step_by(GROUP) {
-            self.group::<P, true>(job, buffers, (rank, group_from(job, from)), stripe);
+            self.group::<P, true>(&job, buffers, rank, group_from(&job, from), stripe);
         }
     }
 

@@ -7,6 +7,7 @@ use fearless_simd::{Level, Simd, SimdBase, SimdInt, SimdMask, dispatch};
 use super::front::{Front, Wanted, brightest, least_second, least_second_in_the_dark, position};
 use super::lanes::{MOST_LANES, NUMBERED, splat, vector};
 use super::maxima::{Layout, ROWS, maxima, maxima_of_few};
+use super::window::GROUP;
 use crate::{Pixel, Roi, View};
 
 /// Pixels added on either side of what stands out.
@@ -16,13 +17,64 @@ const STEEP: usize = 24;
 /// Pixels that one comparison covers on either side of a peak.
 const ARM: usize = 32;
 
+/// Most blocks that are searched together.
+const BLOCKS: usize = GROUP / ROWS;
+
+/// Blocks of rows that are searched together, and where their maxima are: block after block, each with a margin on either side.
+#[derive(Debug, Clone)]
+struct Search<'a> {
+    roi: &'a Roi,
+    wanted: &'a Wanted,
+    /// Rows of all of them.
+    rows: Range<usize>,
+    /// Pixels after which the surroundings of a stripe begin.
+    reach: usize,
+    /// A margin's length, and from a block's maxima to the next ones.
+    pad: usize,
+    apart: usize,
+}
+
+impl Search<'_> {
+    fn blocks(&self) -> Range<usize> {
+        0..self.rows.len().div_ceil(ROWS)
+    }
+
+    /// A block's rows.
+    fn rows(&self, block: usize) -> Range<usize> {
+        let first = self.rows.start + block * ROWS;
+        first..(first + ROWS).min(self.rows.end)
+    }
+
+    /// Where a block's maxima are, without the margins.
+    fn within(&self, block: usize) -> Range<usize> {
+        let first = block * self.apart + self.pad;
+        first..first + self.roi.width
+    }
+}
+
+/// Pixels of a block in which the stripe is, and, counted from the start of the margin, what belongs to it.
+#[derive(Debug, Clone)]
+struct Span {
+    from: usize,
+    to: usize,
+    near: Range<usize>,
+}
+
 impl<P: Pixel> Front<P> {
-    /// Finds the candidates of some rows, counted from the region's first.
-    pub fn rows(&mut self, level: Level, image: &View<'_, P>, roi: Roi, wanted: Wanted, rows: Range<usize>) {
+    /// Finds the candidates of a group of rows, counted from the region's first.
+    pub fn rows(
+        &mut self,
+        level: Level,
+        image: &View<'_, P>,
+        roi: &Roi,
+        wanted: &Wanted,
+        rows: Range<usize>,
+    ) {
         let reach = (3.5 * wanted.width_px).ceil() as usize + STEEP;
         // Whole vectors, so that maxima lie as the image does.
         let pad = reach.max(ARM).next_multiple_of(MOST_LANES);
-        let size = roi.width + 2 * pad;
+        let apart = (roi.width + 2 * pad).next_multiple_of(MOST_LANES);
+        let size = BLOCKS * apart;
         if self.contrast.len() != size || self.map.len() != size {
             self.map.resize(size);
             self.contrast.resize(size);
@@ -32,17 +84,17 @@ impl<P: Pixel> Front<P> {
             self.map.fill(P::MAX);
             self.contrast.fill(P::ZERO);
         }
-        for first in rows.clone().step_by(ROWS) {
-            let block = first..(first + ROWS).min(rows.end);
-            let map = &mut self.map[pad..pad + roi.width];
+        let search = Search { roi, wanted, rows, reach, pad, apart };
+        for block in search.blocks() {
+            let map = &mut self.map[search.within(block)];
             if roi.width < P::N {
-                maxima_of_few(image, roi, block.clone(), map);
+                maxima_of_few(image, *roi, search.rows(block), map);
             } else {
                 let layout = Layout { apart: P::N, last: roi.width - P::N };
-                maxima(level, image, roi, block.clone(), (map, layout));
+                maxima(level, image, roi, search.rows(block), layout, map);
             }
-            dispatch!(level, simd => self.search(simd, image, roi, (wanted, reach, pad), block));
         }
+        dispatch!(level, simd => self.search(simd, image, &search));
     }
 
     /// True for as many pixels a row as [`Self::rows_nearby`] can number.
@@ -60,64 +112,93 @@ impl<P: Pixel> Front<P> {
         }
     }
 
-    /// Candidates of a block of rows from its maxima.
+    /// Candidates of some blocks of rows from their maxima. Each step is done for all of them before the next: what was just written is read
+    /// at other offsets, for which it must have reached the cache.
     #[inline(always)]
-    fn search<S: Simd>(
+    fn search<S: Simd>(&mut self, simd: S, image: &View<'_, P>, search: &Search<'_>) {
+        let (roi, reach) = (search.roi, search.reach);
+        let mut spans: [Option<Span>; BLOCKS] = Default::default();
+        let mut tops = [P::ZERO; BLOCKS];
+        for block in search.blocks() {
+            let within = search.within(block);
+            // A line too short for both sides is compared with its darkest pixel.
+            if roi.width <= 2 * reach {
+                let beyond = self.map[within.clone()].iter().copied().min().unwrap_or(P::ZERO);
+                self.map[within.start - reach..within.start].fill(beyond);
+                self.map[within.end..within.end + reach].fill(beyond);
+            }
+            tops[block] =
+                stand_out(simd, &self.map, &mut self.contrast[within.clone()], (within.start, reach));
+        }
+        for block in search.blocks() {
+            spans[block] = self.span(simd, search, block, tops[block]);
+        }
+        self.find_tops(simd, image, search, &spans, 0);
+        let Some(noise) = search.wanted.second else { return };
+        // A second one lies apart from the first.
+        for span in spans.iter().flatten() {
+            self.contrast[span.near.clone()].fill(P::ZERO);
+        }
+        let mut any = false;
+        for block in search.blocks() {
+            let within = search.within(block);
+            let top = brightest(simd, &self.contrast[within.clone()]);
+            // The usual level is looked for only where it matters.
+            let seen = spans[block].is_some()
+                && top > P::from_dn(least_second_in_the_dark(&noise))
+                && top > P::from_dn(least_second(&noise, &self.map[within]));
+            spans[block] = if seen { self.span(simd, search, block, top) } else { None };
+            any |= seen;
+        }
+        if any {
+            self.find_tops(simd, image, search, &spans, 1);
+        }
+    }
+
+    /// Where in a block the value that stands out most belongs to; `None` where nothing does.
+    #[inline(always)]
+    fn span<S: Simd>(&self, simd: S, search: &Search<'_>, block: usize, top: P) -> Option<Span> {
+        if top == P::ZERO {
+            return None;
+        }
+        let (width, start) = (search.roi.width, search.within(block).start);
+        let peak = position(simd, &self.contrast[start..start + width], top)?;
+        let (before, after) = run(simd, &self.contrast, start + peak, P::from_dn(0.25 * top.dn()));
+        let from = (peak - before.min(peak)).saturating_sub(MARGIN);
+        let to = (peak + after + MARGIN).min(width);
+        let near = start + from.saturating_sub(search.reach)..start + (to + search.reach).min(width);
+        // At least a vector, where there is one.
+        let to = to.max((from + P::N).min(width));
+        Some(Span { from: from.min(to.saturating_sub(P::N)), to, near })
+    }
+
+    /// Places of the rows' maxima in some blocks' spans.
+    #[inline(always)]
+    fn find_tops<S: Simd>(
         &mut self,
         simd: S,
         image: &View<'_, P>,
-        roi: Roi,
-        (wanted, reach, pad): (Wanted, usize, usize),
-        rows: Range<usize>,
+        search: &Search<'_>,
+        spans: &[Option<Span>; BLOCKS],
+        rank: usize,
     ) {
-        let within = pad..pad + roi.width;
-        let (map, contrast) = (&mut self.map[..], &mut self.contrast[..]);
-        // A line too short for both sides is compared with its darkest pixel.
-        if roi.width <= 2 * reach {
-            let beyond = map[within.clone()].iter().copied().min().unwrap_or(P::ZERO);
-            map[pad - reach..pad].fill(beyond);
-            map[within.end..within.end + reach].fill(beyond);
-        }
-        let mut top = stand_out(simd, map, &mut contrast[within.clone()], (pad, reach));
-        for rank in 0..2 {
-            if rank == 1 {
-                let Some(noise) = wanted.second else { return };
-                top = brightest(simd, &contrast[within.clone()]);
-                // The usual level is looked for only where it matters.
-                if top <= P::from_dn(least_second_in_the_dark(&noise))
-                    || top <= P::from_dn(least_second(&noise, &map[within.clone()]))
-                {
-                    return;
-                }
-            }
-            if top == P::ZERO {
-                return;
-            }
-            let Some(peak) = position(simd, &contrast[within.clone()], top) else { return };
-            let (before, after) = run(simd, contrast, pad + peak, P::from_dn(0.25 * top.dn()));
-            let from = (peak - before.min(peak)).saturating_sub(MARGIN);
-            let to = (peak + after + MARGIN).min(roi.width);
-            let near = pad + from.saturating_sub(reach)..pad + (to + reach).min(roi.width);
-            // At least a vector, where there is one.
-            let to = to.max((from + P::N).min(roi.width));
-            let from = from.min(to.saturating_sub(P::N));
+        for block in search.blocks() {
+            let Some(Span { from, to, .. }) = &spans[block] else { continue };
+            let (from, length) = (*from, to - from);
+            let rows = search.rows(block);
+            let part = image.starting_at(search.roi.x + from, search.roi.y + rows.start);
             let places = &mut self.places[rank].at[rows.clone()];
-            let part = image.starting_at(roi.x + from, roi.y + rows.start);
-            if !Self::numbers(to - from) {
+            if !Self::numbers(length) {
                 for (r, at) in places.iter_mut().enumerate() {
-                    let row = &part.0[r * part.1..][..to - from];
+                    let row = &part.0[r * part.1..][..length];
                     let top = brightest(simd, row);
                     *at = (from + position(simd, row, top).unwrap_or(0)) as u32;
                 }
             } else {
-                let found = tops(simd, part, to - from, rows.len());
+                let found = tops(simd, part, length, rows.len());
                 for (at, found) in places.iter_mut().zip(found) {
                     *at = from as u32 + found;
                 }
-            }
-            if wanted.second.is_some() {
-                // A second one lies apart from the first.
-                contrast[near].fill(P::ZERO);
             }
         }
     }
@@ -125,10 +206,10 @@ impl<P: Pixel> Front<P> {
 
 /// What of some block maxima stands out of those a reach away on either side, and the largest of it.
 #[inline(always)]
-fn stand_out<S: Simd, P: Pixel>(simd: S, map: &[P], contrast: &mut [P], (pad, reach): (usize, usize)) -> P {
+fn stand_out<S: Simd, P: Pixel>(simd: S, map: &[P], contrast: &mut [P], (start, reach): (usize, usize)) -> P {
     let width = contrast.len();
     let (before, here, after) =
-        (&map[pad - reach..][..width], &map[pad..][..width], &map[pad + reach..][..width]);
+        (&map[start - reach..][..width], &map[start..][..width], &map[start + reach..][..width]);
     if width < P::N {
         let mut top = P::ZERO;
         for (x, out) in contrast.iter_mut().enumerate() {

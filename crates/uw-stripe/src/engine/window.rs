@@ -198,17 +198,20 @@ fn whole_rows<'a, P: Pixel>(
     from: usize,
 ) -> Option<[&'a [P; TURNED]; CHUNK]> {
     let at: &[u32; CHUNK] = group.at.try_into().ok()?;
-    let last = width.checked_sub(TURNED)?;
-    let mut rows = [pixels.first_chunk()?; CHUNK];
-    let mut beyond = false;
-    for (lane, (row, &at)) in rows.iter_mut().zip(at).enumerate() {
-        // NOWHERE is beyond.
-        let start = (at as usize + from).wrapping_sub(group.half);
-        beyond |= start > last;
-        let start = if beyond { 0 } else { start };
-        *row = pixels.get(lane * stride + start..)?.first_chunk()?;
+    let (mut low, mut high) = (NOWHERE, 0);
+    for &a in at {
+        low = low.min(a);
+        high = high.max(a);
     }
-    (!beyond).then_some(rows)
+    // NOWHERE is beyond.
+    if low as usize + from < group.half || high as usize + from + TURNED > width + group.half {
+        return None;
+    }
+    let mut rows = [pixels.first_chunk()?; CHUNK];
+    for ((row, &at), first) in rows.iter_mut().zip(at).zip((0..).step_by(stride)) {
+        *row = pixels.get(first + at as usize + from - group.half..)?.first_chunk()?;
+    }
+    Some(rows)
 }
 
 /// A square matrix turned, by rows.
