@@ -3,6 +3,7 @@
 use std::{
     collections::VecDeque,
     io::{Read, Write},
+    os::fd::AsRawFd,
     sync::{
         Arc, Mutex,
         atomic::{AtomicBool, Ordering},
@@ -11,6 +12,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use nix::fcntl::{FcntlArg, FdFlag, fcntl};
 use serialport::{SerialPort, TTYPort};
 
 /// What is wrong with it.
@@ -55,6 +57,10 @@ pub struct Controller {
 impl Controller {
     pub fn start(manner: Manner) -> Self {
         let (mut master, slave) = TTYPort::pair().unwrap();
+        for end in [master.as_raw_fd(), slave.as_raw_fd()] {
+            // Or the programs that tests start would hold the line, and never see it unplugged.
+            fcntl(end, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC)).unwrap();
+        }
         let port = slave.name().unwrap();
         master.set_timeout(Duration::from_millis(5)).unwrap();
         let state = State {

@@ -53,7 +53,7 @@ pub fn continuous(
 
     handle.set(settings.from_v)?;
     handle.laser_on()?;
-    timeline.sleep(settings.settle);
+    handle.rest(settings.settle)?;
     track.add(handle.confirm()?);
     let begin_ns = timeline.stamp_ns();
     let span = settings.to_v - settings.from_v;

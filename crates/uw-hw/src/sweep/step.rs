@@ -71,7 +71,7 @@ pub fn step_and_settle(
             laser_on = Some(aim.laser_on);
         }
         handle.set(aim.volts)?;
-        handle.timeline().sleep(settings.settle);
+        handle.rest(settings.settle)?;
         let volts = handle.confirm()?.volts;
         let mut lost = |fault| each(Event::Lost { commanded_v: aim.volts, fault });
         let frame = match expose(handle, camera, settings, &mut lost)? {
