@@ -124,7 +124,7 @@ fn take(
 ) -> Result<(Frame, Duration), Fault> {
     let began = setting.timeline.since_start();
     if settings.trigger == Trigger::Software {
-        camera.trigger(setting.vehicle.policy().within)?;
+        camera.trigger(setting.vehicle.frame_within())?;
     }
     let deadline = setting.timeline.deadline(setting.vehicle.frame_within());
     loop {
