@@ -55,6 +55,8 @@ pub fn continuous(
     handle.laser_on()?;
     handle.rest(settings.settle)?;
     track.add(handle.confirm()?);
+    // What waits since before is not of this sweep, nor are the gaps in it.
+    while camera.next_frame(Duration::ZERO).map_or_else(|fault| fault.is_passing(), |_| true) {}
     let begin_ns = timeline.stamp_ns();
     let span = settings.to_v - settings.from_v;
     let length_ns = (span.abs() / rate * 1e9) as i64;
