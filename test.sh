@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# All tests: formatting, lints, the test suite, the documentation. With UWSCAN_FEATURES=uw-cli/genicam the drivers of cameras
+# All tests: formatting, lints, the test suite, the documentation. With UWSCAN_FEATURES=uw-cli/genicam,uw-cli/v4l2 the drivers of cameras
 # that nobody needs to have are built and tested, too.
 set -euo pipefail
 cd "$(dirname "$0")"
