@@ -92,7 +92,7 @@ clouds:
 
 # Speed of recording beside that of the bare disk (or memory: /dev/shm), MB/s
 recording-speed FOLDER="/dev/shm":
-    cargo run --release --locked --package uw-io --example record_speed -- {{FOLDER}}
+    cargo run --release --locked --package uw-io --example recording_speed -- {{FOLDER}}
 
 # Compares the fixtures with their recorded hashes; `just fixtures --update` records them anew
 fixtures *FLAGS:

@@ -170,8 +170,14 @@ mod scenes {
         let fault = camera.trigger(within).and_then(|()| camera.next_frame(within)).unwrap_err();
         assert!(matches!(fault, Fault::Timeout { .. } | Fault::Disconnected { .. }), "{fault}");
         eprintln!("noticed after {:?}: {fault}", began.elapsed());
+        assert!(began.elapsed() < 2 * within + GRACE, "{:?}", began.elapsed());
         let began = Instant::now();
         assert!(matches!(camera.next_frame(within), Err(Fault::Timeout { .. })));
         assert!(began.elapsed() < within + GRACE);
+        // Nobody waits for it at the end either.
+        let began = Instant::now();
+        assert!(camera.disarm(WITHIN).is_err());
+        drop(camera);
+        assert!(began.elapsed() < GRACE, "{:?}", began.elapsed());
     }
 }

@@ -267,3 +267,25 @@ fn a_voltage_that_is_refused_stops_nothing() {
     assert_eq!(interlock.handle().reason(), None);
     assert!(scene.mock.laser_is_on());
 }
+
+#[test]
+fn a_rest_ends_when_the_interlock_stops() {
+    let timeline = Timeline::system();
+    let mock = Mock::new(timeline.clone());
+    let galvo = GuardedGalvo::new(Box::new(mock.galvo()), limits(), timeline.clone());
+    let interlock =
+        Interlock::engage(Box::new(mock.laser()), galvo, Policy { watchdog: None, ..POLICY }, |_| {})
+            .expect("it is off");
+    let handle = interlock.handle();
+    let began = timeline.since_start();
+    assert_eq!(handle.rest(Duration::from_millis(45)), Ok(()));
+    assert!(timeline.since_start() - began >= Duration::from_millis(45));
+    let long = Duration::from_secs(60);
+    let ended = std::thread::scope(|scope| {
+        let resting = scope.spawn(|| handle.rest(long));
+        interlock.handle().stop(Reason::Signal(2));
+        resting.join().expect("it does not panic")
+    });
+    assert!(matches!(ended, Err(Fault::Stopped { .. })), "{ended:?}");
+    assert!(timeline.since_start() - began < long);
+}

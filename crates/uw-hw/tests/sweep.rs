@@ -3,7 +3,8 @@
 use std::{ops::ControlFlow, time::Duration};
 
 use uw_hw::{
-    Camera, CameraSettings, Fault, GuardedGalvo, Limits, ManualClock, Pixels, Timeline, Trigger,
+    Camera, CameraSettings, Fault, Frame, FrameCounts, GuardedGalvo, Identity, Limits, ManualClock, Pixels,
+    Timeline, Trigger,
     interlock::{Handle, Interlock, Policy},
     mock::{Bench, Calls, Device, Mock, MockCamera, MockFault},
     sweep::{
@@ -78,10 +79,18 @@ fn stepped() -> StepAndSettle {
 
 /// Sweeps eleven voltages; frames, losses, and how it ended.
 fn sweep(scene: &mut Scene) -> (Vec<Exposed>, Vec<Fault>, Result<(), Fault>) {
+    sweep_by(&scene.interlock.handle(), &mut scene.camera, &stepped())
+}
+
+fn sweep_by(
+    handle: &Handle,
+    camera: &mut dyn Camera,
+    settings: &StepAndSettle,
+) -> (Vec<Exposed>, Vec<Fault>, Result<(), Fault>) {
     let schedule = Schedule::new(-0.5, 0.5, Spacing::Count(11)).expect("a sweep");
     let (mut frames, mut lost) = (Vec::new(), Vec::new());
     let aims: Vec<Aim> = schedule.aims(5).collect();
-    let ended = step_and_settle(&scene.interlock.handle(), &mut scene.camera, aims, &stepped(), |event| {
+    let ended = step_and_settle(handle, camera, aims, settings, |event| {
         match event {
             Event::Exposed(exposed) => frames.push(exposed),
             Event::Lost { fault, .. } => lost.push(fault),
@@ -131,6 +140,64 @@ fn frames_that_are_lost_torn_repeated_or_of_another_time_are_told_and_taken_agai
     assert_eq!(of(|f| matches!(f, Fault::DuplicateFrame { .. })), 1, "{lost:?}");
     assert_eq!(of(|f| matches!(f, Fault::FrameContent { .. })), 2, "{lost:?}");
     assert_eq!(of(|f| matches!(f, Fault::Timeout { .. })), 2, "{lost:?}");
+}
+
+/// A camera that hears one of its triggers only with the next one.
+struct HearsLate {
+    camera: MockCamera,
+    triggers: u32,
+    late: u32,
+}
+
+impl Camera for HearsLate {
+    fn identity(&self) -> Identity {
+        self.camera.identity()
+    }
+
+    fn configure(&mut self, wanted: &CameraSettings, within: Duration) -> Result<CameraSettings, Fault> {
+        self.camera.configure(wanted, within)
+    }
+
+    fn arm(&mut self, within: Duration) -> Result<(), Fault> {
+        self.camera.arm(within)
+    }
+
+    fn trigger(&mut self, within: Duration) -> Result<(), Fault> {
+        self.triggers += 1;
+        if self.triggers == self.late {
+            let (device, doing) = ("camera".into(), "a trigger".into());
+            return Err(Fault::Timeout { device, doing, waited: within, got: String::new() });
+        }
+        if self.triggers == self.late + 1 {
+            self.camera.trigger(within)?;
+        }
+        self.camera.trigger(within)
+    }
+
+    fn next_frame(&mut self, within: Duration) -> Result<Frame, Fault> {
+        self.camera.next_frame(within)
+    }
+
+    fn disarm(&mut self, within: Duration) -> Result<(), Fault> {
+        self.camera.disarm(within)
+    }
+
+    fn counts(&self) -> FrameCounts {
+        self.camera.counts()
+    }
+}
+
+#[test]
+fn a_trigger_that_was_heard_late_gives_no_image_to_the_next_voltage() {
+    let Scene { interlock, camera, .. } = scene(Trigger::Software);
+    let mut camera = HearsLate { camera, triggers: 0, late: 5 };
+    // Stamps alone don't tell the two exposures apart.
+    let settings = StepAndSettle { stamp_slack: Duration::from_millis(100), ..stepped() };
+    let (frames, lost, ended) = sweep_by(&interlock.handle(), &mut camera, &settings);
+    assert_eq!((ended, frames.len()), (Ok(()), 14));
+    assert!(matches!(lost[..], [Fault::Timeout { .. }]), "{lost:?}");
+    assert_eq!(camera.counts().received, 15);
+    assert_true_voltages(&frames);
 }
 
 #[test]
@@ -264,6 +331,17 @@ fn a_continuous_sweep_tells_of_lost_frames_and_ends_at_a_silent_camera() {
     assert!(frames.len() > 35, "what came is kept: {}", frames.len());
     drop(scene.interlock);
     assert!(!scene.mock.laser_is_on());
+}
+
+#[test]
+fn what_a_camera_dropped_before_a_continuous_sweep_is_no_loss_of_it() {
+    let mut scene = scene(Trigger::Free { rate_hz: 97.0 });
+    // Nobody takes a frame while the mirror settles: more come than a camera has room for.
+    let settle = Duration::from_secs(1);
+    let (frames, lost, ended) = sweep_on(&mut scene, &Continuous { settle, ..ramp() });
+    assert_eq!((ended, lost), (Ok(()), vec![]));
+    assert!(scene.camera.counts().dropped > 20, "{:?}", scene.camera.counts());
+    assert!((95..=97).contains(&frames.len()), "{}", frames.len());
 }
 
 #[test]

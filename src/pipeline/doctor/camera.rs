@@ -124,7 +124,7 @@ fn take(
 ) -> Result<(Frame, Duration), Fault> {
     let began = setting.timeline.since_start();
     if settings.trigger == Trigger::Software {
-        camera.trigger(setting.vehicle.policy().within)?;
+        camera.trigger(setting.vehicle.frame_within())?;
     }
     let deadline = setting.timeline.deadline(setting.vehicle.frame_within());
     loop {
@@ -173,8 +173,8 @@ pub(super) fn stripe(
     for share in [0.5, 0.25, 0.75] {
         let volts = sweep.from_v + (sweep.to_v - sweep.from_v) * share;
         handle.feed();
-        let taken = handle.set(volts).and_then(|_| handle.laser_on()).and_then(|()| {
-            setting.timeline.sleep(setting.vehicle.settle());
+        let lit = handle.set(volts).and_then(|_| handle.laser_on());
+        let taken = lit.and_then(|()| handle.rest(setting.vehicle.settle())).and_then(|()| {
             // What a camera that runs by itself exposed before is not meant.
             while settings.trigger != Trigger::Software && camera.next_frame(Duration::ZERO).is_ok() {}
             take(camera, setting, settings)

@@ -4,6 +4,7 @@
 //! |---|---|---|---|
 //! | `scpi` | a controller on a serial port | the same or another | |
 //! | `genicam` | | | GigE Vision, USB3 Vision (feature `genicam`) |
+//! | `v4l2` | | | Video4Linux (feature `v4l2`) |
 //! | `replay` | goes to recorded voltages | | shows recorded images |
 //! | `simulated` | is at once where it is sent | | sees the scene file's scene |
 //!
@@ -170,9 +171,7 @@ pub(crate) fn open_camera(
 ) -> Result<Box<dyn Camera>, Fault> {
     match vehicle.camera.driver {
         CameraDriver::Genicam => genicam(vehicle.camera.id.as_deref(), timeline),
-        CameraDriver::V4l2 => {
-            Err(not_compiled("v4l2", "no build has this driver yet: use GenICam, or replay"))
-        }
+        CameraDriver::V4l2 => v4l2(vehicle.camera.id.as_deref(), timeline),
         CameraDriver::Replay | CameraDriver::Simulated => bench.camera(),
     }
 }
@@ -189,6 +188,18 @@ fn genicam(_: Option<&str>, _: &Timeline) -> Result<Box<dyn Camera>, Fault> {
     Err(not_compiled("genicam", mend))
 }
 
+#[cfg(all(feature = "v4l2", target_os = "linux"))]
+fn v4l2(id: Option<&str>, timeline: &Timeline) -> Result<Box<dyn Camera>, Fault> {
+    Ok(Box::new(uw_hw::camera::v4l2::V4l2Camera::open(id, timeline.clone())?))
+}
+
+#[cfg(not(all(feature = "v4l2", target_os = "linux")))]
+fn v4l2(_: Option<&str>, _: &Timeline) -> Result<Box<dyn Camera>, Fault> {
+    let mend = "build it with them, on Linux: cargo install --locked --path crates/uw-cli --features v4l2";
+    Err(not_compiled("v4l2", mend))
+}
+
+#[cfg(not(all(feature = "genicam", feature = "v4l2", target_os = "linux")))]
 fn not_compiled(driver: &str, mend: &str) -> Fault {
     Fault::Open {
         device: "camera".into(),

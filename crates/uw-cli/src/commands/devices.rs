@@ -51,6 +51,26 @@ fn genicam() -> Vec<Camera> {
     Vec::new()
 }
 
+#[cfg(all(feature = "v4l2", target_os = "linux"))]
+fn v4l2() -> Vec<Camera> {
+    let found = uwscan::hw::camera::v4l2::cameras();
+    found
+        .into_iter()
+        .map(|info| Camera { driver: "v4l2", id: info.id, about: info.about, address: info.address })
+        .collect()
+}
+
+#[cfg(not(all(feature = "v4l2", target_os = "linux")))]
+fn v4l2() -> Vec<Camera> {
+    Vec::new()
+}
+
+/// Drivers of cameras, whether this build has them, and what they are for.
+const DRIVERS: [(&str, bool, &str); 2] = [
+    ("genicam", cfg!(feature = "genicam"), "GigE Vision and USB3 Vision cameras"),
+    ("v4l2", cfg!(all(feature = "v4l2", target_os = "linux")), "Video4Linux cameras and grabbers"),
+];
+
 /// Looks, and prints what is there. That nothing is there is no failure.
 ///
 /// # Errors
@@ -62,12 +82,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
             (Vec::new(), vec![format!("serial ports cannot be listed: {reason}; check permissions")])
         }
     };
-    let mut not_compiled = vec!["v4l2"];
-    if !cfg!(feature = "genicam") {
-        not_compiled.insert(0, "genicam");
-    }
+    let not_compiled = DRIVERS.into_iter().filter(|(_, has, _)| !has).map(|(name, ..)| name).collect();
     let serial_ports = ports.into_iter().map(|port| Port { port: port.name, about: port.about }).collect();
-    let record = Record { serial_ports, cameras: genicam(), not_compiled, warnings };
+    let cameras = genicam().into_iter().chain(v4l2()).collect();
+    let record = Record { serial_ports, cameras, not_compiled, warnings };
     record.warnings.iter().for_each(|warning| console.warn(warning));
     if args.json {
         output::json(&record)?;
@@ -96,8 +114,8 @@ fn text(record: &Record) -> String {
     for what in &record.not_compiled {
         _ = writeln!(text, "not compiled in: {what}");
     }
-    if record.not_compiled.contains(&"genicam") {
-        text += "build with --features genicam to see GigE Vision and USB3 Vision cameras\n";
+    for (driver, _, cameras) in DRIVERS.iter().filter(|(name, ..)| record.not_compiled.contains(name)) {
+        _ = writeln!(text, "build with --features {driver} to see {cameras}");
     }
     text
 }

@@ -3,6 +3,7 @@
 use std::{
     collections::VecDeque,
     io::{Read, Write},
+    os::fd::AsRawFd,
     sync::{
         Arc, Mutex,
         atomic::{AtomicBool, Ordering},
@@ -11,6 +12,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use nix::fcntl::{FcntlArg, FdFlag, fcntl};
 use serialport::{SerialPort, TTYPort};
 
 /// What is wrong with it.
@@ -54,7 +56,16 @@ pub struct Controller {
 
 impl Controller {
     pub fn start(manner: Manner) -> Self {
+        Self::watched(manner, |_, _| {})
+    }
+
+    /// `seen` is told, before the command is answered, where the mirror was sent, V, and whether the laser is on then.
+    pub fn watched(manner: Manner, mut seen: impl FnMut(f64, bool) + Send + 'static) -> Self {
         let (mut master, slave) = TTYPort::pair().unwrap();
+        for end in [master.as_raw_fd(), slave.as_raw_fd()] {
+            // Or the programs that tests start would hold the line, and never see it unplugged.
+            fcntl(end, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC)).unwrap();
+        }
         let port = slave.name().unwrap();
         master.set_timeout(Duration::from_millis(5)).unwrap();
         let state = State {
@@ -78,7 +89,15 @@ impl Controller {
                         Ok(1) if byte[0] == b'\n' => {
                             let text = String::from_utf8_lossy(&line).trim().to_owned();
                             line.clear();
-                            if let Some(answer) = state.lock().unwrap().answer(&text) {
+                            let answer = {
+                                let mut state = state.lock().unwrap();
+                                let answer = state.answer(&text);
+                                if text.starts_with("SOUR:VOLT ") || text.starts_with("OUTP ") {
+                                    seen(state.to_v, state.laser);
+                                }
+                                answer
+                            };
+                            if let Some(answer) = answer {
                                 master.write_all(format!("{answer}\n").as_bytes()).unwrap();
                             }
                         }

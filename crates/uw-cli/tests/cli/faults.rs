@@ -4,7 +4,7 @@ use std::{
     fs,
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
-    time::{Duration, SystemTime, UNIX_EPOCH},
+    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
 use assert_cmd::cargo::cargo_bin;
@@ -14,6 +14,7 @@ use uwscan::io::{Capture, Expect, Reduce, SaidBy};
 
 use crate::{
     controller::{Controller, Manner},
+    job::calibration,
     samples::{edit, uwscan},
     scans::{config, replayed},
 };
@@ -22,6 +23,8 @@ use crate::{
 const LOSS_S: f64 = 1.0;
 /// By how much the clock may be read late on a busy machine, s.
 const LATE_S: f64 = 0.2;
+/// A good part less than the time that the slowest mirror here takes to settle.
+const SETTLES: Duration = Duration::from_secs(5);
 
 /// A scan that goes on until something ends it.
 struct Scanning {
@@ -33,7 +36,12 @@ struct Scanning {
 impl Scanning {
     /// Begins one at about a hundred images a second; `settle` after each move in place of that.
     fn begin(port: Option<&str>, settle: &str) -> Self {
-        let dir = replayed(port, None);
+        Self::calibrated(port, settle, None)
+    }
+
+    /// The same, with a cloud at the end.
+    fn calibrated(port: Option<&str>, settle: &str, calibration: Option<&str>) -> Self {
+        let dir = replayed(port, calibration);
         edit(dir.path(), "vehicle.toml", "settle_ms = 1.0", &format!("settle_ms = {settle}"));
         edit(dir.path(), "vehicle.toml", "[disk]", "[interlock]\nwatchdog_ms = 20000.0\n\n[disk]");
         let recording = dir.path().join("scan.mcap");
@@ -141,13 +149,28 @@ fn one_signal_ends_a_scan_in_order_and_keeps_what_there_is() {
 }
 
 #[test]
-fn a_second_signal_leaves_at_once_with_the_laser_off() {
+fn a_signal_ends_a_scan_while_its_mirror_settles() {
     let controller = Controller::start(Manner::Good);
-    // The mirror takes so long to settle that nothing but a second signal ends it soon.
     let scan = Scanning::begin(Some(&controller.port), "9000.0");
     while !controller.laser_was_on() {
         std::thread::sleep(Duration::from_millis(2));
     }
+    let began = Instant::now();
+    scan.signal("INT");
+    let (code, _, stderr, ..) = scan.end();
+    // It was the first image's.
+    assert_eq!(code, Some(1), "{stderr}");
+    assert!(stderr.contains("no image was recorded") && stderr.contains("SIGINT"), "{stderr}");
+    assert!(!controller.laser_is_on());
+    assert!(began.elapsed() < SETTLES, "it went on for {:?}", began.elapsed());
+}
+
+#[test]
+fn a_second_signal_leaves_at_once_with_the_laser_off() {
+    let controller = Controller::start(Manner::Good);
+    let mut scan = Scanning::calibrated(Some(&controller.port), "1.0", Some(&calibration()));
+    // So many images that their cloud takes far longer than the second signal to come.
+    scan.recorded(40 << 20);
     scan.signal("INT");
     while controller.laser_is_on() {
         std::thread::sleep(Duration::from_millis(2));
@@ -155,9 +178,10 @@ fn a_second_signal_leaves_at_once_with_the_laser_off() {
     // Two of the same kind that come together are one.
     std::thread::sleep(Duration::from_millis(100));
     scan.signal("INT");
-    let (code, ..) = scan.end();
-    assert_eq!(code, Some(128 + 2));
+    let (code, _, stderr, recording, _dir) = scan.end();
+    assert_eq!(code, Some(128 + 2), "{stderr}");
     assert!(!controller.laser_is_on());
+    assert!(held(&recording).0 > 40 && !recording.with_extension("ply").exists());
 }
 
 #[test]

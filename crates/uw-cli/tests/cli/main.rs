@@ -13,6 +13,8 @@ mod doctor;
 #[cfg(unix)]
 mod faults;
 mod fits;
+#[cfg(all(unix, feature = "genicam"))]
+mod gige;
 mod infos;
 mod job;
 mod lives;

@@ -97,7 +97,10 @@ fn what_is_attached_is_listed_and_nothing_attached_is_no_failure() {
     let run = uwscan(["devices"]);
     let said = run.text();
     assert!(said.contains("serial ports\n") && said.contains("cameras\n"), "{said}");
-    assert!(said.contains("not compiled in: v4l2"), "{said}");
+    for (driver, has) in [("genicam", cfg!(feature = "genicam")), ("v4l2", cfg!(feature = "v4l2"))] {
+        assert_eq!(said.contains(&format!("not compiled in: {driver}")), !has, "{said}");
+        assert_eq!(said.contains(&format!("build with --features {driver}")), !has, "{said}");
+    }
     let json = uwscan(["devices", "--json"]).json(0);
     assert!(json["serial_ports"].is_array() && json["cameras"].is_array(), "{json}");
     assert_eq!(json["warnings"], serde_json::json!([]), "{json}");

@@ -2,8 +2,9 @@
 //!
 //! Stamps: a frame carries the camera's own time of its exposure's start. How far that clock is off the [`Timeline`] is taken as the smallest
 //! difference between a frame's receipt and its exposure's end by that clock, so that stamps are late by the shortest transmission
-//! at most; a frame that was triggered by software does not begin before its trigger. A camera that is gone is noticed by the frame that
-//! does not come: the library tells of lost control four to five seconds later.
+//! at most; a frame that was triggered by software does not begin before its trigger. A camera that is gone is noticed by the trigger that
+//! it doesn't acknowledge, or the frame that does not come: the library tells of lost control four to five seconds later, and a call to
+//! such a camera takes it three. So the camera has a thread of its own, on which its stream ends, too; nobody waits for it longer than he may.
 
 use std::{
     sync::{Mutex, PoisonError},
@@ -12,7 +13,7 @@ use std::{
 
 use aravis::{AcquisitionMode, Aravis, Auto, Buffer, BufferStatus, CameraExt, CameraExtManual, StreamExt};
 
-use super::{Ids, Intake};
+use super::{Ids, Intake, aside::Aside};
 use crate::{
     Camera, CameraSettings, Exposure, Fault, Frame, FrameCounts, Identity, Pixels, Timeline, Trigger,
     clock::nanoseconds, frame::Layout,
@@ -55,9 +56,8 @@ pub fn cameras() -> Vec<CameraInfo> {
 }
 
 /// A GenICam camera.
-#[derive(Debug)]
 pub struct GenicamCamera {
-    camera: aravis::Camera,
+    camera: Aside<aravis::Camera>,
     identity: Identity,
     timeline: Timeline,
     settings: Option<CameraSettings>,
@@ -65,7 +65,6 @@ pub struct GenicamCamera {
     counts: FrameCounts,
 }
 
-#[derive(Debug)]
 struct Armed {
     stream: aravis::Stream,
     intake: Intake,
@@ -94,6 +93,11 @@ impl GenicamCamera {
             serial: camera.device_id().map(|text| text.to_string()).unwrap_or_default(),
             firmware: camera.string("DeviceVersion").map(|text| text.to_string()).unwrap_or_default(),
         };
+        let camera = Aside::new("uwscan-genicam", camera).map_err(|e| Fault::Open {
+            device: crate::limits::name(&identity),
+            reason: e.to_string(),
+            mend: "end other programs: the system has no thread left".into(),
+        })?;
         Ok(Self { camera, identity, timeline, settings: None, armed: None, counts: FrameCounts::default() })
     }
 
@@ -101,9 +105,43 @@ impl GenicamCamera {
         crate::limits::name(&self.identity)
     }
 
-    fn refused(&self, doing: &str, reason: &str) -> Fault {
-        Fault::Refused { device: self.name(), doing: doing.into(), reason: reason.into() }
+    /// What the camera answers in time.
+    fn ask<T: Send + 'static>(
+        &mut self,
+        within: Duration,
+        doing: &str,
+        what: impl FnOnce(&aravis::Camera) -> Result<T, Fault> + Send + 'static,
+    ) -> Result<T, Fault> {
+        let began = self.timeline.deadline(within);
+        self.camera.ask(within, what).unwrap_or_else(|| {
+            let waited = self.timeline.waited(began);
+            Err(Fault::Timeout { device: self.name(), doing: doing.into(), waited, got: String::new() })
+        })
     }
+}
+
+impl Drop for GenicamCamera {
+    fn drop(&mut self) {
+        // A stream tells the camera of its end, and waits for the answer.
+        if let Some(Armed { stream, .. }) = self.armed.take() {
+            self.camera.leave(move |_| drop(stream));
+        }
+    }
+}
+
+impl std::fmt::Debug for GenicamCamera {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("GenicamCamera")
+            .field("identity", &self.identity)
+            .field("settings", &self.settings)
+            .field("armed", &self.armed.is_some())
+            .finish_non_exhaustive()
+    }
+}
+
+/// A fault of a camera that said no.
+fn refused(device: &str, doing: &str, said: &glib::Error) -> Fault {
+    Fault::Refused { device: device.into(), doing: doing.into(), reason: said.message().into() }
 }
 
 /// The pixel format that holds so many bits, right-justified and unpacked.
@@ -118,92 +156,99 @@ fn format_of(bits: u8) -> Option<&'static str> {
     })
 }
 
+/// Sets a camera up; gives the settings in force.
+fn set_up(camera: &aravis::Camera, device: String, wanted: &CameraSettings) -> Result<CameraSettings, Fault> {
+    let done = |doing: &str, result: Result<(), glib::Error>| result.map_err(|e| refused(&device, doing, &e));
+    let Some(by_bits) = format_of(wanted.significant_bits) else {
+        return Err(Fault::Unsupported {
+            device,
+            what: format!("deliver values of {} bits", wanted.significant_bits),
+            mend: "GenICam has 8, 10, 12, 14 and 16".into(),
+        });
+    };
+    let format = wanted.pixel_format.as_deref().unwrap_or(by_bits);
+    if format != by_bits {
+        return Err(Fault::Unsupported {
+            device,
+            what: format!("read {format} as values of {} bits", wanted.significant_bits),
+            mend: format!("write pixel_format = \"{by_bits}\", or leave it out"),
+        });
+    }
+    done("its pixel format", camera.set_pixel_format_from_string(format))?;
+    let [width, height] = wanted.size.map(|side| i32::try_from(side).unwrap_or(i32::MAX));
+    done("its region", camera.set_region(0, 0, width, height))?;
+    let region = camera.region();
+    let size = region.as_ref().map(|(_, _, w, h)| [w.unsigned_abs(), h.unsigned_abs()]);
+    match size {
+        Ok(size) if size == wanted.size => {}
+        Ok(got) => return Err(Fault::FrameSize { device, needed: wanted.size, got }),
+        Err(e) => return Err(refused(&device, "its region", e)),
+    }
+    if camera.is_exposure_auto_available().unwrap_or(false) {
+        done("its automatic exposure", camera.set_exposure_time_auto(Auto::Off))?;
+    }
+    done("its exposure", camera.set_exposure_time(wanted.exposure.as_secs_f64() * 1e6))?;
+    if let Some(gain) = wanted.gain_db {
+        if camera.is_gain_auto_available().unwrap_or(false) {
+            done("its automatic gain", camera.set_gain_auto(Auto::Off))?;
+        }
+        done("its gain", camera.set_gain(gain))?;
+    }
+    done("its acquisition mode", camera.set_acquisition_mode(AcquisitionMode::Continuous))?;
+    match wanted.trigger {
+        Trigger::Software => done("its software trigger", camera.set_trigger("Software"))?,
+        Trigger::Hardware => done("its trigger", camera.set_trigger("Line0"))?,
+        Trigger::Free { rate_hz } => {
+            done("its trigger", camera.clear_triggers())?;
+            done("its frame rate", camera.set_frame_rate(rate_hz))?;
+        }
+    }
+    let exposure = camera.exposure_time().map(|us| Duration::from_secs_f64(us.max(0.0) * 1e-6));
+    Ok(CameraSettings {
+        pixel_format: Some(format.into()),
+        exposure: exposure.unwrap_or(wanted.exposure),
+        gain_db: camera.gain().ok().filter(|_| wanted.gain_db.is_some()),
+        ..wanted.clone()
+    })
+}
+
+/// Has a camera send frames: its stream, and how it numbers them.
+fn start(camera: &aravis::Camera, device: &str) -> Result<(aravis::Stream, Ids), Fault> {
+    let payload = camera.payload().map_err(|e| refused(device, "its payload", &e))?;
+    let stream = camera.create_stream().map_err(|e| refused(device, "a stream", &e))?;
+    (0..BUFFERS).for_each(|_| stream.push_buffer(Buffer::new_allocate(payload as usize)));
+    let extended = || camera.string("GevGVSPExtendedIDMode").is_ok_and(|mode| mode == "On");
+    let ids = if camera.is_gv_device() && !extended() { Ids::GIGE_16 } else { Ids::WIDE };
+    camera.start_acquisition().map_err(|e| refused(device, "arming", &e))?;
+    Ok((stream, ids))
+}
+
 impl Camera for GenicamCamera {
     fn identity(&self) -> Identity {
         self.identity.clone()
     }
 
-    fn configure(&mut self, wanted: &CameraSettings, _within: Duration) -> Result<CameraSettings, Fault> {
-        let (device, camera) = (self.name(), &self.camera);
-        let done = |doing: &str, result: Result<(), glib::Error>| {
-            let refused = |e: glib::Error| Fault::Refused {
-                device: device.clone(),
-                doing: doing.to_owned(),
-                reason: e.message().to_owned(),
-            };
-            result.map_err(refused)
-        };
-        let Some(by_bits) = format_of(wanted.significant_bits) else {
-            return Err(Fault::Unsupported {
-                device,
-                what: format!("deliver values of {} bits", wanted.significant_bits),
-                mend: "GenICam has 8, 10, 12, 14 and 16".into(),
-            });
-        };
-        let format = wanted.pixel_format.as_deref().unwrap_or(by_bits);
-        if format != by_bits {
-            return Err(Fault::Unsupported {
-                device,
-                what: format!("read {format} as values of {} bits", wanted.significant_bits),
-                mend: format!("write pixel_format = \"{by_bits}\", or leave it out"),
-            });
-        }
-        done("its pixel format", camera.set_pixel_format_from_string(format))?;
-        let [width, height] = wanted.size.map(|side| i32::try_from(side).unwrap_or(i32::MAX));
-        done("its region", camera.set_region(0, 0, width, height))?;
-        let region = camera.region();
-        let size = region.as_ref().map(|(_, _, w, h)| [w.unsigned_abs(), h.unsigned_abs()]);
-        match size {
-            Ok(size) if size == wanted.size => {}
-            Ok(got) => return Err(Fault::FrameSize { device, needed: wanted.size, got }),
-            Err(e) => return Err(self.refused("its region", e.message())),
-        }
-        if camera.is_exposure_auto_available().unwrap_or(false) {
-            done("its automatic exposure", camera.set_exposure_time_auto(Auto::Off))?;
-        }
-        done("its exposure", camera.set_exposure_time(wanted.exposure.as_secs_f64() * 1e6))?;
-        if let Some(gain) = wanted.gain_db {
-            if camera.is_gain_auto_available().unwrap_or(false) {
-                done("its automatic gain", camera.set_gain_auto(Auto::Off))?;
-            }
-            done("its gain", camera.set_gain(gain))?;
-        }
-        done("its acquisition mode", camera.set_acquisition_mode(AcquisitionMode::Continuous))?;
-        match wanted.trigger {
-            Trigger::Software => done("its software trigger", camera.set_trigger("Software"))?,
-            Trigger::Hardware => done("its trigger", camera.set_trigger("Line0"))?,
-            Trigger::Free { rate_hz } => {
-                done("its trigger", camera.clear_triggers())?;
-                done("its frame rate", camera.set_frame_rate(rate_hz))?;
-            }
-        }
-        let exposure = camera.exposure_time().map(|us| Duration::from_secs_f64(us.max(0.0) * 1e-6));
-        let in_force = CameraSettings {
-            pixel_format: Some(format.into()),
-            exposure: exposure.unwrap_or(wanted.exposure),
-            gain_db: camera.gain().ok().filter(|_| wanted.gain_db.is_some()),
-            ..wanted.clone()
-        };
+    fn configure(&mut self, wanted: &CameraSettings, within: Duration) -> Result<CameraSettings, Fault> {
+        let (device, wanted) = (self.name(), wanted.clone());
+        let in_force = self.ask(within, "its settings", move |camera| set_up(camera, device, &wanted))?;
         self.settings = Some(in_force.clone());
         Ok(in_force)
     }
 
-    fn arm(&mut self, _within: Duration) -> Result<(), Fault> {
+    fn arm(&mut self, within: Duration) -> Result<(), Fault> {
+        let device = self.name();
         let Some(settings) = &self.settings else {
-            return Err(Fault::Order { device: self.name(), doing: "arming", needed: "settings" });
+            return Err(Fault::Order { device, doing: "arming", needed: "settings" });
         };
-        let payload = self.camera.payload().map_err(|e| self.refused("its payload", e.message()))?;
-        let stream = self.camera.create_stream().map_err(|e| self.refused("a stream", e.message()))?;
-        (0..BUFFERS).for_each(|_| stream.push_buffer(Buffer::new_allocate(payload as usize)));
-        let extended = || self.camera.string("GevGVSPExtendedIDMode").is_ok_and(|mode| mode == "On");
-        let ids = if self.camera.is_gv_device() && !extended() { Ids::GIGE_16 } else { Ids::WIDE };
-        let intake = Intake::new(self.name(), settings.size, ids);
-        self.camera.start_acquisition().map_err(|e| self.refused("arming", e.message()))?;
+        let size = settings.size;
+        let name = device.clone();
+        let (stream, ids) = self.ask(within, "arming", move |camera| start(camera, &name))?;
+        let intake = Intake::new(device, size, ids);
         self.armed = Some(Armed { stream, intake, offset_ns: None, triggered_ns: None });
         Ok(())
     }
 
-    fn trigger(&mut self, _within: Duration) -> Result<(), Fault> {
+    fn trigger(&mut self, within: Duration) -> Result<(), Fault> {
         let device = self.name();
         let (Some(settings), Some(armed)) = (&self.settings, &mut self.armed) else {
             return Err(Fault::Order { device, doing: "triggering", needed: "arming" });
@@ -213,10 +258,12 @@ impl Camera for GenicamCamera {
             return Err(Fault::Unsupported { device, what: what.into(), mend: mend.into() });
         }
         armed.triggered_ns = Some(self.timeline.stamp_ns());
-        self.camera.software_trigger().map_err(|e| Fault::Disconnected {
-            device,
-            doing: "a trigger".into(),
-            reason: e.message().to_owned(),
+        self.ask(within, "a trigger", move |camera| {
+            camera.software_trigger().map_err(|e| Fault::Disconnected {
+                device,
+                doing: "a trigger".into(),
+                reason: e.message().to_owned(),
+            })
         })
     }
 
@@ -249,12 +296,20 @@ impl Camera for GenicamCamera {
         admitted
     }
 
-    fn disarm(&mut self, _within: Duration) -> Result<(), Fault> {
+    fn disarm(&mut self, within: Duration) -> Result<(), Fault> {
         self.counts = self.counts();
-        // The stream's thread ends with it, whatever the camera says.
-        let stopped = self.camera.stop_acquisition();
-        self.armed = None;
-        stopped.map_err(|e| self.refused("disarming", e.message()))
+        let device = self.name();
+        let stream = self.armed.take().map(|armed| armed.stream);
+        if self.camera.is_late() {
+            self.camera.leave(move |_| drop(stream));
+            let (doing, reason) = ("disarming".into(), "it did not answer the last time".into());
+            return Err(Fault::Disconnected { device, doing, reason });
+        }
+        self.ask(within, "disarming", move |camera| {
+            let stopped = camera.stop_acquisition();
+            drop(stream);
+            stopped.map_err(|e| refused(&device, "disarming", &e))
+        })
     }
 
     fn counts(&self) -> FrameCounts {

@@ -10,6 +10,7 @@ use std::{
 };
 
 use super::Handle;
+use crate::Fault;
 
 /// Looks several times in the watchdog's time.
 const LOOKS: u32 = 8;
@@ -56,7 +57,24 @@ impl Drop for Watch {
 /// How often the watchdog is fed while something is waited for that is known to take long.
 const FEED: Duration = Duration::from_millis(20);
 
+/// How long a rest goes on after the interlock has stopped, at most.
+const LOOK: Duration = Duration::from_millis(20);
+
 impl Handle {
+    /// Waits, as for a mirror that settles; comes back early once the interlock has stopped. Does not feed the watchdog.
+    ///
+    /// # Errors
+    /// [`Fault::Stopped`].
+    pub fn rest(&self, duration: Duration) -> Result<(), Fault> {
+        let timeline = self.timeline();
+        let until = timeline.deadline(duration);
+        while let Some(left) = timeline.left(until) {
+            timeline.sleep(left.min(LOOK));
+            self.refuse_if_stopped()?;
+        }
+        Ok(())
+    }
+
     /// Does what is known to take long, such as looking for a camera, and feeds the watchdog meanwhile. The laser is to be off.
     pub fn patiently<T>(&self, work: impl FnOnce() -> T) -> T {
         let done = AtomicBool::new(false);

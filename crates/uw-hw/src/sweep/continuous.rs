@@ -53,8 +53,10 @@ pub fn continuous(
 
     handle.set(settings.from_v)?;
     handle.laser_on()?;
-    timeline.sleep(settings.settle);
+    handle.rest(settings.settle)?;
     track.add(handle.confirm()?);
+    // What waits since before is not of this sweep, nor are the gaps in it.
+    while camera.next_frame(Duration::ZERO).map_or_else(|fault| fault.is_passing(), |_| true) {}
     let begin_ns = timeline.stamp_ns();
     let span = settings.to_v - settings.from_v;
     let length_ns = (span.abs() / rate * 1e9) as i64;

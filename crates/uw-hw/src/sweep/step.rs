@@ -3,7 +3,7 @@
 use std::{ops::ControlFlow, time::Duration};
 
 use super::Aim;
-use crate::{Camera, Fault, Frame, clock::nanoseconds, interlock::Handle};
+use crate::{Camera, Deadline, Fault, Frame, clock::nanoseconds, interlock::Handle};
 
 /// How a stepped sweep goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,7 +71,7 @@ pub fn step_and_settle(
             laser_on = Some(aim.laser_on);
         }
         handle.set(aim.volts)?;
-        handle.timeline().sleep(settings.settle);
+        handle.rest(settings.settle)?;
         let volts = handle.confirm()?.volts;
         let mut lost = |fault| each(Event::Lost { commanded_v: aim.volts, fault });
         let frame = match expose(handle, camera, settings, &mut lost)? {
@@ -95,44 +95,70 @@ fn expose(
     lost: &mut dyn FnMut(Fault) -> ControlFlow<()>,
 ) -> Result<ControlFlow<(), Frame>, Fault> {
     let timeline = handle.timeline();
-    let mut tries = 0;
+    let (mut tries, mut unanswered) = (0, 0);
     loop {
         handle.feed();
         if let Some(reason) = handle.reason() {
             return Err(Fault::Stopped { reason: reason.to_string() });
         }
         let earliest_ns = timeline.stamp_ns().saturating_sub(nanoseconds(settings.stamp_slack));
-        camera.trigger(handle.within())?;
         let deadline = timeline.deadline(settings.frame_within);
-        let fault = loop {
-            // A deadline that has passed is the camera's to tell: with a last look at what came.
-            match camera.next_frame(timeline.left(deadline).unwrap_or_default()) {
-                Ok(frame) if frame.exposure().stamp_ns >= earliest_ns => {
-                    return Ok(ControlFlow::Continue(frame));
-                }
-                Ok(frame) => {
-                    let device = crate::limits::name(&camera.identity());
-                    let reason = "it was exposed before it was asked for, with the mirror elsewhere".into();
-                    let late = Fault::FrameContent { device, id: frame.id(), reason };
-                    if lost(late).is_break() {
-                        return Ok(ControlFlow::Break(()));
-                    }
-                }
-                Err(fault @ (Fault::DroppedFrames { .. } | Fault::DuplicateFrame { .. })) => {
-                    if lost(fault).is_break() {
-                        return Ok(ControlFlow::Break(()));
-                    }
-                }
-                Err(fault) => break fault,
+        let answered = camera
+            .trigger(settings.frame_within)
+            .and_then(|()| answer(handle, camera, earliest_ns, deadline, lost));
+        let fault = match answered {
+            Ok(answer) => {
+                let_pass(handle, camera, unanswered, settings.frame_within);
+                return Ok(answer);
             }
+            Err(fault) => fault,
         };
-        let again = fault.is_passing() || matches!(fault, Fault::Timeout { .. });
+        let silent = matches!(fault, Fault::Timeout { .. });
         tries += 1;
-        if !again || tries > settings.retries {
+        if !(silent || fault.is_passing()) || tries > settings.retries {
             return Err(fault);
         }
+        unanswered += u32::from(silent);
         if lost(fault).is_break() {
             return Ok(ControlFlow::Break(()));
+        }
+    }
+}
+
+/// The first frame that was not exposed before `earliest_ns`.
+fn answer(
+    handle: &Handle,
+    camera: &mut dyn Camera,
+    earliest_ns: i64,
+    deadline: Deadline,
+    lost: &mut dyn FnMut(Fault) -> ControlFlow<()>,
+) -> Result<ControlFlow<(), Frame>, Fault> {
+    loop {
+        // A deadline that has passed is the camera's to tell: with a last look at what came.
+        let passing = match camera.next_frame(handle.timeline().left(deadline).unwrap_or_default()) {
+            Ok(frame) if frame.exposure().stamp_ns >= earliest_ns => return Ok(ControlFlow::Continue(frame)),
+            Ok(frame) => {
+                let device = crate::limits::name(&camera.identity());
+                let reason = "it was exposed before it was asked for, with the mirror elsewhere".into();
+                Fault::FrameContent { device, id: frame.id(), reason }
+            }
+            Err(fault @ (Fault::DroppedFrames { .. } | Fault::DuplicateFrame { .. })) => fault,
+            Err(fault) => return Err(fault),
+        };
+        if lost(passing).is_break() {
+            return Ok(ControlFlow::Break(()));
+        }
+    }
+}
+
+/// Lets frames pass that may still come of triggers which were not answered in time: after the mirror's next move they would be taken for
+/// what it shows then.
+fn let_pass(handle: &Handle, camera: &mut dyn Camera, unanswered: u32, within: Duration) {
+    for _ in 0..unanswered {
+        handle.feed();
+        // What is wrong with the camera the next exposure tells.
+        if let Err(Fault::Timeout { .. }) = camera.next_frame(within) {
+            return;
         }
     }
 }

@@ -1,5 +1,5 @@
 //! How fast a recording is written beside the bare speed of memory and of the disk, in turn in the same run:
-//! `record_speed FOLDER [ROUNDS]`, with a folder in memory (/dev/shm) or on the disk to be measured.
+//! `recording_speed FOLDER [ROUNDS]`, with a folder in memory (/dev/shm) or on the disk to be measured.
 #![allow(clippy::print_stdout)]
 
 use std::{
@@ -20,7 +20,7 @@ const BYTES: u64 = 400 << 20;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = env::args_os().skip(1);
-    let usage = "usage: record_speed FOLDER [ROUNDS]";
+    let usage = "usage: recording_speed FOLDER [ROUNDS]";
     let folder =
         PathBuf::from(args.next().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, usage))?);
     let rounds = args.next().and_then(|n| n.to_str()?.parse().ok()).unwrap_or(5);
