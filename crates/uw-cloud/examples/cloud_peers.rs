@@ -10,9 +10,9 @@ use std::fmt::Write;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use uw_cloud::{
-    CylinderOptions, Frame, NORMAL_NEIGHBOURS, NearestOnMesh, PlaneOptions, PointCloud, ShapeFit,
-    ShapeOptions, SphereOptions, Start, SurfaceOptions, find_shapes, fit_cylinder, fit_plane, fit_sphere,
-    normals, register, sparse_outliers, triangulate,
+    CylinderOptions, Frame, NORMAL_NEIGHBOURS, PlaneOptions, PointCloud, ShapeFit, ShapeOptions,
+    SphereOptions, Start, SurfaceOptions, SweepSurface, find_shapes, fit_cylinder, fit_plane, fit_sphere,
+    normals, register_sweep, sparse_outliers, triangulate,
 };
 
 /// Runs of an operation at least, and the time that they may take all together.
@@ -112,8 +112,9 @@ fn operate(cloud: &PointCloud, operation: &str, folder: &Path) -> (f64, String) 
             // From two clouds to the pose: the surface of the one is part of it, as the other program's normals are.
             let (time, found) = timed(|| {
                 let surface = triangulate(cloud, &SurfaceOptions::default()).unwrap();
-                let tree = NearestOnMesh::new(&surface.mesh).unwrap();
-                register(&other, &tree, Start::Near(nalgebra::Isometry3::identity(), 5.0), 0.2).unwrap()
+                let target = SweepSurface::new(cloud, &surface).unwrap().unwrap();
+                register_sweep(&other, &target, Start::Near(nalgebra::Isometry3::identity(), 5.0), 0.2)
+                    .unwrap()
             });
             let pose = found.mesh_from_cloud.to_homogeneous();
             (time, figures(pose.transpose().iter().copied()))

@@ -10,7 +10,7 @@ use crate::normals::{NORMAL_NEIGHBOURS, local_plane};
 use crate::plane::square_to;
 use crate::round::nearest_on_round;
 use crate::sample::{Observation, Sample};
-use nalgebra::{DMatrix, Matrix2, SMatrix, SVector, Unit, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix2, Matrix3, SMatrix, SVector, Unit, Vector2, Vector3};
 
 /// How a cylinder is fitted.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -276,6 +276,11 @@ impl Tube {
         change
     }
 
+    fn normal_change(&self, foot: &Foot<5>) -> Matrix3<f64> {
+        let around = self.axis.cross(&foot.normal);
+        around * around.transpose() / self.radius
+    }
+
     fn moved(&self, step: &SVector<f64, 5>) -> Self {
         let [first, second] = square_to(&self.axis);
         Self {
@@ -303,6 +308,10 @@ impl Surface<5> for FreeTube {
         self.0.gradient_change(foot)
     }
 
+    fn normal_change(&self, foot: &Foot<5>) -> Matrix3<f64> {
+        self.0.normal_change(foot)
+    }
+
     fn moved(&self, step: &SVector<f64, 5>) -> Self {
         Self(self.0.moved(step))
     }
@@ -321,14 +330,22 @@ impl Surface<4> for KnownTube {
     }
 
     fn gradient_change(&self, foot: &Foot<4>) -> SMatrix<f64, 4, 3> {
-        let Foot { residual_mm, variance_mm2, normal, gradient } = *foot;
-        let whole = Foot { residual_mm, variance_mm2, normal, gradient: gradient.push(-1.0) };
-        self.0.gradient_change(&whole).fixed_rows::<4>(0).into_owned()
+        self.0.gradient_change(&whole(foot)).fixed_rows::<4>(0).into_owned()
+    }
+
+    fn normal_change(&self, foot: &Foot<4>) -> Matrix3<f64> {
+        self.0.normal_change(&whole(foot))
     }
 
     fn moved(&self, step: &SVector<f64, 4>) -> Self {
         Self(self.0.moved(&step.push(0.0)))
     }
+}
+
+/// A foot on a cylinder of known radius as one on a cylinder of any.
+fn whole(foot: &Foot<4>) -> Foot<5> {
+    let Foot { residual_mm, variance_mm2, normal, gradient } = *foot;
+    Foot { residual_mm, variance_mm2, normal, gradient: gradient.push(-1.0) }
 }
 
 /// The sample with the normals that neighbours tell, worked out as they are asked for.

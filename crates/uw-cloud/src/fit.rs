@@ -15,7 +15,8 @@
 //! *Floor and scale.* To first order about the feet the residual along the normal, r = λ nᵀVn, is Gaussian with variance
 //! φ (nᵀCn + f²). φ is chi²/dof at any f. The f of largest likelihood is the estimate that is reported; the weights
 //! take the largest f whose likelihood lies within one sigma (twice its logarithm is 1 lower), as grazing points,
-//! which say nearly nothing of f as long as they are few, would otherwise be believed without limit.
+//! which say nearly nothing of f as long as they are few, would otherwise be believed without limit. To nᵀCn there comes, for the floor, what a round
+//! surface bends away within the foot's own uncertainty.
 //!
 //! *Sigmas.* With A = Σ g gᵀ / v over the inliers (g = F_θ at the feet, v the variance used as weight) the covariance is
 //! A⁻¹ (Σ g gᵀ ṽ / v²) A⁻¹ with ṽ = max(φ, 1) (nᵀCn + f²) at the f of largest likelihood: larger than predicted where
@@ -37,7 +38,7 @@ use crate::floor::{Floor, noise_floor};
 use crate::newton::{MAX_ITERATIONS, Normal, minimise};
 use crate::robust::{rejection_limit, scale_about_zero, student_widening};
 use crate::sample::{Observation, Sample};
-use nalgebra::{DMatrix, SMatrix, SVector, Vector3};
+use nalgebra::{DMatrix, Matrix3, SMatrix, SVector, Vector3};
 
 /// Share of feigned information that is refused.
 const MAX_NOISE_SHARE: f64 = 0.5;
@@ -114,6 +115,11 @@ pub(crate) trait Surface<const P: usize>: Clone {
 
     /// Returns G, the derivatives of ∂F/∂θ by the foot's position along the surface.
     fn gradient_change(&self, foot: &Foot<P>) -> SMatrix<f64, P, 3>;
+
+    /// Returns the derivatives of the unit normal by the foot's position: nil of a plane.
+    fn normal_change(&self, _: &Foot<P>) -> Matrix3<f64> {
+        Matrix3::zeros()
+    }
 
     /// Returns the residual in a second direction, for a curve, to which a point can lie beside in two; it is independent of
     /// the first one.
@@ -250,8 +256,12 @@ fn settled<S: Surface<P>, const P: usize>(
             // A covariance that is too large by all appearances still says what error was to be expected.
             accepted = accepted.max(1.0);
             let used2 = floor.used_mm * floor.used_mm;
-            let residuals: Vec<_> =
-                residuals().map(|f| (f.residual_mm, (f.variance_mm2 - used2).max(0.0))).collect();
+            let told = |(o, feet): (&Observation, &Feet<P>)| {
+                let bend = bend_variance(&surface, o, &feet.0, floor.used_mm);
+                let told = |f: &Foot<P>| (f.residual_mm, (f.variance_mm2 - used2).max(0.0) + bend);
+                feet.each().map(told).collect::<Vec<_>>()
+            };
+            let residuals: Vec<_> = sound.iter().copied().zip(kept.iter().copied()).flat_map(told).collect();
             noise_floor(&residuals, P, sample.resolution_mm)
         } else {
             let chi2: f64 = residuals().map(|f| f.distance().powi(2)).sum();
@@ -268,6 +278,28 @@ fn settled<S: Surface<P>, const P: usize>(
         (inliers, floor) = (next, next_floor);
     }
     Err(FitError::NotConverged { shape: S::NAME, iterations: MAX_ROUNDS })
+}
+
+/// Returns the variance of a residual, mm², that is of second order in the point's error: ½ tr (H S)² with the normal's derivatives H and the foot's covariance S along the
+/// surface.
+///
+/// Where light grazes a round surface nᵀCn vanishes, and the likelihood of the floor would have no bound as it goes to nil with the one point that lies
+/// on the surface by chance. But the foot of such a point may be anywhere along the light, and the surface bends away from that.
+fn bend_variance<S: Surface<P>, const P: usize>(
+    surface: &S,
+    observation: &Observation,
+    foot: &Foot<P>,
+    floor_mm: f64,
+) -> f64 {
+    let bent = surface.normal_change(foot) * sliding(&observation.covariance(floor_mm), &foot.normal);
+    0.5 * (bent * bent).trace().max(0.0)
+}
+
+/// Returns the covariance of a foot along the surface, mm², of a point with a covariance.
+fn sliding(covariance: &Matrix3<f64>, normal: &Vector3<f64>) -> Matrix3<f64> {
+    let along = covariance * normal;
+    let across = normal.dot(&along);
+    if across > 0.0 { covariance - along * along.transpose() / across } else { *covariance }
 }
 
 /// Returns Σ d²/φ over all points, each at most at the rejection limit, in a given floor and scale.
@@ -328,11 +360,8 @@ fn covariance<S: Surface<P>, const P: usize>(
             let square = foot.gradient * foot.gradient.transpose() / foot.variance_mm2;
             information += square;
             scatter += square * (expected / foot.variance_mm2);
-            let along = v * foot.normal;
-            let across = foot.normal.dot(&along);
-            let slide = if across > 0.0 { v - along * along.transpose() / across } else { v };
             let change = surface.gradient_change(foot);
-            feigned += change * slide * change.transpose() / foot.variance_mm2;
+            feigned += change * sliding(&v, &foot.normal) * change.transpose() / foot.variance_mm2;
         }
     }
     let undetermined =

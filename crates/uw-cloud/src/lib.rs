@@ -59,7 +59,7 @@ pub use normals::{LocalPlane, NORMAL_NEIGHBOURS, local_plane, normals};
 pub use outliers::{sheet_outliers, sparse_outliers};
 pub use plane::{PlaneFit, PlaneOptions, fit_plane};
 pub use reference::{AgainstReference, ReferenceOptions, compare_with_reference};
-pub use register::{Motion, Registration, Start, register};
+pub use register::{Motion, Registration, Start, SweepSurface, register, register_sweep};
 pub use shapes::{Relation, Relations, Shape, ShapeFit, ShapeOptions, Shapes, find_shapes, relations};
 pub use sphere::{SphereFit, SphereOptions, fit_sphere};
 pub use surface::{Cut, Parameters, Smoothed, Surface, SurfaceOptions, triangulate};

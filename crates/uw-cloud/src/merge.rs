@@ -1,15 +1,13 @@
 //! Overlapping sweeps as one cloud: each brought onto the others' surfaces, all at once.
 //!
-//! Every sweep is triangulated ([`triangulate`]). Sweep by sweep joins those that are placed, by [`register`](crate::register()). Then all poses together
-//! minimise the distances of every sweep's points from every other's surface, each in units of its own sigma (all-to-all generalised
-//! ICP), so that errors don't add up along a chain. The first sweep's frame stays.
+//! Every sweep is triangulated ([`triangulate`]), which tells where its surface ends. Sweep by sweep joins those that are placed, by
+//! [`register_sweep`](crate::register_sweep()). Then all poses together minimise the distances of every sweep's points from every other's, across the
+//! surface and each in units of its own sigma (all-to-all generalised ICP), so that errors don't add up along a chain. The first sweep's frame stays.
 
 use crate::cloud::PointCloud;
-use crate::error::{MergeError, SurfaceError};
-use crate::mesh::TriangleMesh;
-use crate::nearest::NearestOnMesh;
-use crate::register::{Joint, Registration, Start, joint, register_sweep};
-use crate::surface::{SurfaceOptions, triangulate};
+use crate::error::{MergeError, RegisterError, SurfaceError};
+use crate::register::{Joint, Registration, Samples, Start, SweepSurface, joint, register_samples};
+use crate::surface::{Surface, SurfaceOptions, triangulate};
 use nalgebra::{Isometry3, Matrix6};
 
 /// How sweeps are merged.
@@ -70,22 +68,20 @@ pub fn merge(clouds: &[PointCloud], options: &MergeOptions) -> Result<Merged, Me
     if clouds.len() < 2 {
         return Err(MergeError::TooFew { got: clouds.len() });
     }
-    let mut meshes: Vec<TriangleMesh> = Vec::with_capacity(clouds.len());
+    let mut surfaces: Vec<Surface> = Vec::with_capacity(clouds.len());
     for (index, cloud) in clouds.iter().enumerate() {
-        // Faces between rough points would hold the other sweeps' points where they are: where their own slopes tell little, by far more
-        // than the noise that the covariances know of.
-        let smooth = cloud.covariances_mm2().is_some();
-        let surface = triangulate(cloud, &SurfaceOptions { smooth, ..SurfaceOptions::default() });
-        meshes.push(surface.map_err(|cause| MergeError::NoSurface { index, cause })?.mesh);
+        let surface = triangulate(cloud, &SurfaceOptions::default());
+        surfaces.push(surface.map_err(|cause| MergeError::NoSurface { index, cause })?);
     }
-    let mut trees: Vec<NearestOnMesh<'_>> = Vec::with_capacity(meshes.len());
-    for (index, mesh) in meshes.iter().enumerate() {
-        let tree = NearestOnMesh::new(mesh);
-        trees.push(tree.ok_or(MergeError::NoSurface { index, cause: SurfaceError::NoArea })?);
+    let mut sweeps: Vec<SweepSurface<'_>> = Vec::with_capacity(clouds.len());
+    for (index, (cloud, surface)) in clouds.iter().zip(&surfaces).enumerate() {
+        let sweep = SweepSurface::new(cloud, surface).map_err(RegisterError::from)?;
+        sweeps.push(sweep.ok_or(MergeError::NoSurface { index, cause: SurfaceError::NoArea })?);
     }
+    let samples: Vec<Samples> = sweeps.iter().map(Samples::of_sweep).collect::<Result<_, _>>()?;
     let mut warnings = Vec::new();
-    let starts = placed(clouds, &trees, options, &mut warnings)?;
-    let Joint { poses, covariances, pairs, settled } = joint(clouds, &trees, starts)?;
+    let starts = placed(&samples, &sweeps, options, &mut warnings)?;
+    let Joint { poses, covariances, pairs, settled } = joint(&sweeps, &samples, starts)?;
     if !settled {
         warnings.push("the poses had not settled when the rounds ran out".to_owned());
     }
@@ -100,23 +96,23 @@ pub fn merge(clouds: &[PointCloud], options: &MergeOptions) -> Result<Merged, Me
 
 /// Poses into the first cloud's frame, sweep by sweep: always the one that overlaps most with one that is placed.
 fn placed(
-    clouds: &[PointCloud],
-    trees: &[NearestOnMesh<'_>],
+    samples: &[Samples],
+    sweeps: &[SweepSurface<'_>],
     options: &MergeOptions,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<Isometry3<f64>>, MergeError> {
-    let mut poses: Vec<Option<Isometry3<f64>>> = vec![None; clouds.len()];
+    let mut poses: Vec<Option<Isometry3<f64>>> = vec![None; samples.len()];
     poses[0] = Some(Isometry3::identity());
     // What was found of (cloud, onto), the best of each cloud that is not placed.
-    let mut best: Vec<Option<(Registration, usize)>> = vec![None; clouds.len()];
+    let mut best: Vec<Option<(Registration, usize)>> = vec![None; samples.len()];
     let mut newest = 0;
-    for _ in 1..clouds.len() {
-        for (index, cloud) in clouds.iter().enumerate().filter(|(index, _)| poses[*index].is_none()) {
+    for _ in 1..samples.len() {
+        for (index, own) in samples.iter().enumerate().filter(|(index, _)| poses[*index].is_none()) {
             let start = match (options.near_mm, poses[newest]) {
                 (Some(near), Some(pose)) => Start::Near(pose.inverse(), near),
                 _ => Start::Anywhere,
             };
-            let Ok(found) = register_sweep(cloud, &trees[newest], start, options.least_overlap) else {
+            let Ok(found) = register_samples(own, &sweeps[newest], start, options.least_overlap) else {
                 continue;
             };
             let better = |(other, _): &(Registration, usize)| rank(&found) > rank(other);
@@ -125,10 +121,10 @@ fn placed(
             }
         }
         let open = |index: &usize| poses[*index].is_none();
-        let candidates = (0..clouds.len()).filter(open).filter_map(|i| Some((i, best[i].as_ref()?)));
+        let candidates = (0..samples.len()).filter(open).filter_map(|i| Some((i, best[i].as_ref()?)));
         let next = candidates.max_by(|a, b| rank(&a.1.0).total_cmp(&rank(&b.1.0)));
         let Some((index, (found, onto))) = next else {
-            let index = (0..clouds.len()).find(|i| poses[*i].is_none()).unwrap_or_default();
+            let index = (0..samples.len()).find(|i| poses[*i].is_none()).unwrap_or_default();
             return Err(MergeError::NoOverlap { index, needed: options.least_overlap });
         };
         if !found.rivals.is_empty() {

@@ -106,6 +106,11 @@ impl<'a> NearestOnMesh<'a> {
         self.mesh
     }
 
+    /// Returns whether a vertex lies on a border, or on an edge whose triangles do not agree.
+    pub(crate) fn is_open(&self, vertex: usize) -> bool {
+        self.open_vertices[vertex]
+    }
+
     /// Returns the point of the mesh nearest to a place, mm; in time that grows with the logarithm of the triangles.
     pub fn nearest(&self, place_mm: &[f64; 3]) -> Nearest {
         let place = Vector3::from(*place_mm);

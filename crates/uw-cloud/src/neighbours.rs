@@ -115,6 +115,11 @@ impl Neighbours {
         self.sites.is_empty()
     }
 
+    /// Returns the points' indices in the order of the leaves: what is near in it is near in space.
+    pub(crate) fn in_order(&self) -> impl Iterator<Item = usize> {
+        self.sites.iter().map(|site| site.index as usize)
+    }
+
     /// Returns the `count` points nearest to a place, as (squared distance in mm², index), the nearest first, of equals the one of lower index.
     pub fn nearest(&self, place_mm: &[f64; 3], count: usize) -> Vec<(f64, usize)> {
         let mut best = Vec::new();

@@ -101,6 +101,15 @@ pub fn normals(
     Ok(neighbours.of_all(&counts(count), |hood| plane_of_hood(hood, sensor_mm).map(|l| l.normal.into())))
 }
 
+/// Returns the plane about every point of a tree, as [`local_plane`] does.
+pub(crate) fn local_planes(
+    neighbours: &Neighbours,
+    count: usize,
+    sensor_mm: &[f64; 3],
+) -> Vec<Option<LocalPlane>> {
+    neighbours.of_all(&counts(count), |hood| plane_of_hood(hood, sensor_mm))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

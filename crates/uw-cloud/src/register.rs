@@ -9,15 +9,18 @@
 //! |---|---|---|
 //! | points | `sample` | which points have a say, their normals; what a point costs under a pose |
 //! | starts | `starts` | poses worth refining, from pairs of oriented points, where nothing is known of the pose |
-//! | refinement | `refine` | the pose of least squares beside a start, and its covariance |
+//! | refinement | `refine`, `certainty` | the pose of least squares beside a start, and its covariance |
+//! | rough surfaces | `sweep` | what a point belongs to where it is laid onto another sweep |
 //! | several sweeps | `joint` | all poses at once, for `merge` |
 //! | rivals | `rivals` | motions that nothing is lost along, and other poses that fit as well |
 
+mod certainty;
 mod joint;
 mod refine;
 mod rivals;
 mod sample;
 mod starts;
+mod sweep;
 
 use crate::cloud::PointCloud;
 use crate::error::RegisterError;
@@ -27,7 +30,9 @@ use nalgebra::{Isometry3, Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
 use refine::{Bounds, Fitted, refine};
 use rivals::Judge;
-use sample::{Sample, Samples, TUKEY, Target};
+pub(crate) use sample::Samples;
+use sample::{Onto, Sample, TUKEY, Target};
+pub use sweep::SweepSurface;
 
 const MAX_ROUNDS: usize = 80;
 /// Points that bring a pose near before all of them have a say.
@@ -110,24 +115,37 @@ pub fn register(
     start: Start,
     least_overlap: f64,
 ) -> Result<Registration, RegisterError> {
-    registered(&Samples::new(cloud)?, target, start, least_overlap)
+    registered(&Samples::new(cloud)?, Onto::Mesh(target), start, least_overlap)
 }
 
-/// As [`register`], of a sweep that was seen from its frame's origin, pixels or not, onto the surface of another one: both are
-/// seen from outside.
-pub(crate) fn register_sweep(
+/// Returns the motion that brings a sweep that was seen from its frame's origin, pixels or not, onto the surface of another one: as [`register`],
+/// but both are rough, and seen from outside.
+///
+/// # Errors
+/// As [`register`].
+pub fn register_sweep(
     cloud: &PointCloud,
-    target: &NearestOnMesh<'_>,
+    target: &SweepSurface<'_>,
     start: Start,
     least_overlap: f64,
 ) -> Result<Registration, RegisterError> {
     let samples = Samples { signed: true, ..Samples::new(cloud)? };
-    registered(&samples, target, start, least_overlap)
+    registered(&samples, Onto::Sweep(target), start, least_overlap)
+}
+
+/// As [`register_sweep`], of a sweep whose points are taken already.
+pub(crate) fn register_samples(
+    samples: &Samples,
+    target: &SweepSurface<'_>,
+    start: Start,
+    least_overlap: f64,
+) -> Result<Registration, RegisterError> {
+    registered(samples, Onto::Sweep(target), start, least_overlap)
 }
 
 fn registered(
     samples: &Samples,
-    target: &NearestOnMesh<'_>,
+    onto: Onto<'_, '_>,
     start: Start,
     least_overlap: f64,
 ) -> Result<Registration, RegisterError> {
@@ -139,7 +157,7 @@ fn registered(
     let sides: &[bool] = if samples.signed { &[true, false] } else { &[false] };
     let mut refused = RegisterError::LittleOverlap { overlap: 0.0, needed: least_overlap };
     for &signed in sides {
-        let found = aligned(samples, &Target { mesh: target, middle: samples.middle, signed }, start);
+        let found = aligned(samples, &Target { onto, middle: samples.middle, signed }, start);
         let overlap = found.overlap;
         if !found.rms_mm.is_finite() || overlap < least_overlap {
             refused = RegisterError::LittleOverlap { overlap, needed: least_overlap };

@@ -227,6 +227,10 @@ impl Surface<4> for FreeSphere {
         change
     }
 
+    fn normal_change(&self, foot: &Foot<4>) -> Matrix3<f64> {
+        self.0.shape_operator(&foot.normal)
+    }
+
     fn moved(&self, step: &SVector<f64, 4>) -> Self {
         // Halving at most keeps the radius positive; the damping then finds a shorter step.
         let radius = (self.0.radius + step[3]).max(0.5 * self.0.radius);
@@ -248,6 +252,10 @@ impl Surface<3> for KnownSphere {
 
     fn gradient_change(&self, foot: &Foot<3>) -> SMatrix<f64, 3, 3> {
         -self.0.shape_operator(&foot.normal)
+    }
+
+    fn normal_change(&self, foot: &Foot<3>) -> Matrix3<f64> {
+        self.0.shape_operator(&foot.normal)
     }
 
     fn moved(&self, step: &SVector<f64, 3>) -> Self {

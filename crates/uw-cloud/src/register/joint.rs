@@ -1,17 +1,16 @@
 //! Several sweeps at once: every one's points onto every other's surface.
 
-use super::sample::{Match, Samples, TUKEY, Target};
-use crate::cloud::PointCloud;
+use super::certainty::{bent, followed, form_inverse, patches};
+use super::refine::NOTHING_LEFT;
+use super::sample::{Match, Sample, Samples, TUKEY};
+use super::sweep::SweepSurface;
 use crate::error::RegisterError;
 use crate::merge::PairResidual;
-use crate::nearest::NearestOnMesh;
 use crate::robust::{median, scale_about_zero};
 use nalgebra::{
     DMatrix, DVector, Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6,
 };
 
-/// Points of each sweep that have a say.
-const POINTS: usize = 6000;
 const MAX_ROUNDS: usize = 40;
 /// Of a motion's information, as of one sweep alone.
 const DAMPING: f64 = 1e-6;
@@ -37,11 +36,10 @@ struct Pair {
 
 /// Returns the poses that bring all sweeps onto each other, from poses that nearly do; the first one stays.
 pub(crate) fn joint(
-    clouds: &[PointCloud],
-    trees: &[NearestOnMesh<'_>],
+    sweeps: &[SweepSurface<'_>],
+    samples: &[Samples],
     mut poses: Vec<Isometry3<f64>>,
 ) -> Result<Joint, RegisterError> {
-    let samples: Vec<Samples> = clouds.iter().map(Samples::new).collect::<Result<_, _>>()?;
     let middles = samples.iter().zip(&poses).map(|(s, pose)| (pose * Point3::from(s.middle)).coords);
     let middle = middles.sum::<Vector3<f64>>() / samples.len() as f64;
     let radius = samples
@@ -49,15 +47,26 @@ pub(crate) fn joint(
         .zip(&poses)
         .map(|(s, pose)| ((pose * Point3::from(s.middle)).coords - middle).norm() + s.radius)
         .fold(0.0, f64::max);
+    let laid = |pair: (usize, usize), poses: &[Isometry3<f64>], reach: f64| {
+        laid(&samples[pair.0], &sweeps[pair.1], pair, poses, &middle, reach)
+    };
     let mut reach = 0.02 * radius;
+    let both: Vec<(usize, usize)> = (0..poses.len())
+        .flat_map(|i| (0..poses.len()).map(move |j| (i, j)))
+        .filter(|(i, j)| i != j)
+        .collect();
+    let chosen = denser(&both.iter().map(|&pair| laid(pair, &poses, reach)).collect::<Vec<_>>());
     let mut settled = false;
-    let mut covariances = Vec::new();
     let mut pairs = Vec::new();
     for _ in 0..MAX_ROUNDS {
-        pairs = matched(&samples, trees, &poses, &middle, reach);
-        let (matrix, gradient, scatter) = normal_equations(&pairs, poses.len(), radius);
-        let Some(inverse) = matrix.clone().try_inverse() else { break };
-        let step = -(&inverse * gradient);
+        pairs = chosen.iter().map(|&pair| laid(pair, &poses, reach)).collect();
+        let (mut matrix, gradient) = normal_equations(&pairs, poses.len(), radius);
+        let damping = DAMPING * matrix.diagonal().amax().max(f64::MIN_POSITIVE);
+        for k in 0..matrix.nrows() {
+            matrix[(k, k)] += damping;
+        }
+        let Some(inverse) = matrix.try_inverse() else { break };
+        let step = -(inverse * &gradient);
         for (k, pose) in poses.iter_mut().enumerate().skip(1) {
             let turn = Vector3::from_fn(|r, _| step[6 * (k - 1) + r]) / radius;
             let shift = Vector3::from_fn(|r, _| step[6 * (k - 1) + 3 + r]);
@@ -65,103 +74,143 @@ pub(crate) fn joint(
                 Translation3::from(middle + shift) * UnitQuaternion::new(turn) * Translation3::from(-middle);
             *pose = about * *pose;
         }
-        covariances = blocks(&(&inverse * scatter * &inverse), radius);
         let noise = pairs.iter().filter(|p| p.overlap > 0.0).map(|p| p.rms).fold(0.0, f64::max);
         let next = (3.0 * TUKEY * noise).min(reach).max(0.5 * reach);
-        settled = step.amax() < 1e-3 * noise + 1e-12 * radius && next > 0.9 * reach;
+        let rests = step.amax() < 1e-3 * noise + 1e-12 * radius || -gradient.dot(&step) < NOTHING_LEFT;
+        settled = rests && next > 0.9 * reach;
         reach = next;
         if settled {
             break;
         }
     }
-    let pairs = pairs.iter().map(|pair| PairResidual {
+    let covariances = blocks(&covariance(&pairs, poses.len(), radius)?, radius);
+    let told = |pair: Pair| PairResidual {
         points_of: pair.points,
         surface_of: pair.surface,
         overlap: pair.overlap,
         rms_mm: pair.rms,
         floor_mm: pair.floor2.sqrt(),
-    });
-    Ok(Joint { poses, covariances, pairs: pairs.collect(), settled })
+    };
+    let pairs = both.into_iter().map(|pair| told(laid(pair, &poses, reach))).collect();
+    Ok(Joint { poses, covariances, pairs, settled })
 }
 
-fn matched(
-    samples: &[Samples],
-    trees: &[NearestOnMesh<'_>],
+/// Which of each two sweeps' points are laid onto the other one's surface: those of the one that has more of them there. All points of both then have a say,
+/// those of the other one as often as they are the nearest.
+fn denser(pairs: &[Pair]) -> Vec<(usize, usize)> {
+    let count = |points: usize, surface: usize| {
+        pairs.iter().find(|p| (p.points, p.surface) == (points, surface)).map_or(0, |p| p.matches.len())
+    };
+    let forwards = pairs.iter().map(|pair| (pair.points, pair.surface)).filter(|(i, j)| i < j);
+    forwards.map(|(i, j)| if count(i, j) < count(j, i) { (j, i) } else { (i, j) }).collect()
+}
+
+fn laid(
+    samples: &Samples,
+    surface: &SweepSurface<'_>,
+    (i, j): (usize, usize),
     poses: &[Isometry3<f64>],
     middle: &Vector3<f64>,
     reach: f64,
-) -> Vec<Pair> {
+) -> Pair {
     const ALIKE: f64 = 0.7;
-    let orders = (0..poses.len()).flat_map(|i| (0..poses.len()).map(move |j| (i, j))).filter(|(i, j)| i != j);
-    let pair = |(i, j): (usize, usize)| {
-        let target = Target { mesh: &trees[j], middle: samples[i].middle, signed: samples[i].signed };
-        let surface_from_points = poses[j].inverse() * poses[i];
-        let points = samples[i].few(POINTS);
-        let of = |sample: &&super::sample::Sample| {
-            let found = target.matched(sample, &surface_from_points, reach).filter(|m| m.facing > ALIKE)?;
-            let arm = (poses[i] * Point3::from(sample.place)).coords - middle;
-            Some(Match { arm, normal: poses[j].rotation * found.normal, ..found })
-        };
-        let matches: Vec<Match> = points.iter().filter_map(of).collect();
-        let told = median(&mut matches.iter().map(|m| m.told).collect::<Vec<_>>());
-        let scatter = scale_about_zero(matches.iter().map(|m| m.residual));
-        let floor2 = (scatter * scatter - told).max(1e-6 * scatter * scatter).max(f64::MIN_POSITIVE);
-        let on = |m: &&Match| m.residual.powi(2) < TUKEY * TUKEY * (m.told + floor2);
-        let squares: Vec<f64> = matches.iter().filter(on).map(|m| m.residual.powi(2)).collect();
-        Pair {
-            points: i,
-            surface: j,
-            floor2,
-            overlap: squares.len() as f64 / points.len() as f64,
-            rms: (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt(),
-            matches,
-        }
+    let surface_from_points = poses[j].inverse() * poses[i];
+    let of = |sample: &Sample| {
+        let found = surface.matched(sample, &surface_from_points, &samples.middle, reach)?;
+        let arm = (poses[i] * Point3::from(sample.place)).coords - middle;
+        let turned = |normal| poses[j].rotation * normal;
+        let (normal, normals) = (turned(found.normal), found.normals.map(turned));
+        (found.facing > ALIKE).then_some(Match { arm, normal, normals, ..found })
     };
-    orders.map(pair).collect()
+    let matches: Vec<Match> = samples.points.iter().filter_map(of).collect();
+    let told = median(&mut matches.iter().map(|m| m.told).collect::<Vec<_>>());
+    let scatter = scale_about_zero(matches.iter().map(|m| m.residual));
+    let floor2 = (scatter * scatter - told).max(1e-6 * scatter * scatter).max(f64::MIN_POSITIVE);
+    let on = |m: &&Match| m.weight(floor2).is_some();
+    let squares: Vec<f64> = matches.iter().filter(on).map(|m| m.residual.powi(2)).collect();
+    Pair {
+        points: i,
+        surface: j,
+        floor2,
+        overlap: squares.len() as f64 / samples.points.len() as f64,
+        rms: (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt(),
+        matches,
+    }
 }
 
-/// The normal matrix of all poses but the first, its gradient, and the gradient's scatter.
-fn normal_equations(pairs: &[Pair], poses: usize, radius: f64) -> (DMatrix<f64>, DVector<f64>, DMatrix<f64>) {
+impl Pair {
+    /// The matches that have a say, and their weights.
+    fn weighed(&self) -> impl Iterator<Item = (&Match, f64)> {
+        self.matches.iter().filter_map(|m| Some((m, m.weight(self.floor2)?)))
+    }
+
+    /// The poses that a match has to do with, from where their unknowns begin, and its sign: the surface moves the other way, and the first sweep
+    /// does not move.
+    fn sides(&self) -> impl Iterator<Item = (usize, f64)> + Clone {
+        let sides = [(self.points, 1.0), (self.surface, -1.0)];
+        sides.into_iter().filter(|(pose, _)| *pose > 0).map(|(pose, sign)| (6 * (pose - 1), sign))
+    }
+}
+
+/// The normal matrix of all poses but the first, and its gradient.
+fn normal_equations(pairs: &[Pair], poses: usize, radius: f64) -> (DMatrix<f64>, DVector<f64>) {
     let size = 6 * (poses - 1);
-    let mut matrix = DMatrix::zeros(size, size);
-    let mut scatter = DMatrix::zeros(size, size);
     let mut gradient = DVector::zeros(size);
     for pair in pairs {
-        let (mut own, mut noise, mut pull) = (Matrix6::zeros(), Matrix6::zeros(), Vector6::zeros());
-        for m in &pair.matches {
-            let variance = m.told + pair.floor2;
-            let ratio = m.residual * m.residual / (variance * TUKEY * TUKEY);
-            if ratio >= 1.0 {
-                continue;
-            }
-            let weight = (1.0 - ratio).powi(2) / variance;
-            let turn = m.arm.cross(&m.normal) / radius;
-            let row = Vector6::new(turn.x, turn.y, turn.z, m.normal.x, m.normal.y, m.normal.z);
-            own += row * row.transpose() * weight;
-            noise += row * row.transpose() * (weight * m.residual).powi(2);
-            pull += row * (weight * m.residual);
-        }
-        // The surface moves the other way; the first sweep does not move.
-        let sides = [(pair.points, 1.0), (pair.surface, -1.0)];
-        for (a, sign_a) in sides.iter().filter(|(a, _)| *a > 0) {
-            let at = 6 * (a - 1);
+        let pulls = pair.weighed().map(|(m, weight)| m.row(radius) * (weight * m.residual));
+        let pull: Vector6<f64> = pulls.sum();
+        for (at, sign) in pair.sides() {
             let mut part = gradient.rows_mut(at, 6);
-            part += pull * *sign_a;
-            for (b, sign_b) in sides.iter().filter(|(b, _)| *b > 0) {
-                let sign = sign_a * sign_b;
-                let mut block = matrix.view_mut((at, 6 * (b - 1)), (6, 6));
-                block += own * sign;
-                // Both directions of two sweeps tell of the same noise.
-                let mut block = scatter.view_mut((at, 6 * (b - 1)), (6, 6));
-                block += noise * (2.0 * sign);
+            part += pull * sign;
+        }
+    }
+    let square = |m: &Match| {
+        let row = m.row(radius);
+        row * row.transpose()
+    };
+    (information(pairs, poses, square), gradient)
+}
+
+/// The sum of matrices of all matches, each where its two poses have it.
+fn information(pairs: &[Pair], poses: usize, of: impl Fn(&Match) -> Matrix6<f64>) -> DMatrix<f64> {
+    let mut matrix = DMatrix::zeros(6 * (poses - 1), 6 * (poses - 1));
+    for pair in pairs {
+        let own: Matrix6<f64> = pair.weighed().map(|(m, weight)| of(m) * weight).sum();
+        for (at, sign_a) in pair.sides() {
+            for (beside, sign_b) in pair.sides() {
+                let mut block = matrix.view_mut((at, beside), (6, 6));
+                block += own * (sign_a * sign_b);
             }
         }
     }
-    let most = matrix.diagonal().amax().max(f64::MIN_POSITIVE);
-    for k in 0..size {
-        matrix[(k, k)] += DAMPING * most;
+    matrix
+}
+
+/// The covariance of all poses but the first. The gradient's scatter is that of patches of all pairs' matches: a point that is laid onto two sweeps errs on both.
+fn covariance(pairs: &[Pair], poses: usize, radius: f64) -> Result<DMatrix<f64>, RegisterError> {
+    let size = 6 * (poses - 1);
+    let mut weighed: Vec<(&Pair, &Match, f64)> = Vec::new();
+    for pair in pairs {
+        let bent = bent(&pair.matches, pair.floor2);
+        weighed.extend(pair.weighed().map(|(m, weight)| (pair, m, weight / bent)));
     }
-    (matrix, gradient, scatter)
+    let places: Vec<Vector3<f64>> = weighed.iter().map(|(_, m, _)| m.arm).collect();
+    let patches = patches(&places)?;
+    let mut scatter = DMatrix::zeros(size, size);
+    for patch in &patches {
+        let mut sum = DVector::zeros(size);
+        for &(pair, m, weight) in patch.iter().map(|&at| &weighed[at]) {
+            let pull = m.row(radius) * (weight * m.residual);
+            for (at, sign) in pair.sides() {
+                let mut part = sum.rows_mut(at, 6);
+                part += pull * sign;
+            }
+        }
+        scatter.ger(1.0, &sum, &sum, 1.0);
+    }
+    let (squares, _) = normal_equations(pairs, poses, radius);
+    let inverse = form_inverse(&squares, &information(pairs, poses, |m| m.product(radius)));
+    Ok(&inverse * scatter * &inverse * followed(patches.len(), size))
 }
 
 /// The covariance of each pose, the first one's nil, turns in rad.

@@ -1,8 +1,9 @@
 //! From a start to the pose of least squares beside it.
 
+use super::certainty::{bent, followed, form_inverse, patches};
 use super::sample::{Match, Sample, TUKEY, Target};
 use crate::robust::{median, scale_about_zero};
-use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{DMatrix, Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
 
 /// Normals of a point and of its place on the mesh that differ by more than 80° belong to different faces.
 const SAME_FACE: f64 = 0.17;
@@ -16,14 +17,18 @@ const ROUNDING: f64 = 1e-9;
 /// A step that is the last, in units of the points' noise (a pose from thousands of them is known to about a hundredth of it) and of the cloud's radius.
 const SETTLED: f64 = 3e-4;
 const NO_STEP: f64 = 1e-9;
+/// What is left to be won where a pose is a thirtieth of its sigma from where it is going: half its square.
+pub(super) const NOTHING_LEFT: f64 = 1e-3;
 
 /// A pose that came to rest, or ran out of rounds.
 pub(super) struct Fitted {
     pub(super) pose: Isometry3<f64>,
     /// Of a small motion: turn about the moved middle in units of the radius, then shift, mm⁻².
     pub(super) information: Matrix6<f64>,
-    /// Scatter of the normal equations' gradient, mm⁻².
-    pub(super) scatter: Matrix6<f64>,
+    /// Scatter of the normal equations' gradient, mm⁻², errors that neighbours share among it.
+    scatter: Matrix6<f64>,
+    /// As the information, of products of the two surfaces' normals.
+    products: Matrix6<f64>,
     /// What residuals scatter by beyond what points and mesh tell of, mm.
     pub(super) floor: f64,
     pub(super) rms: f64,
@@ -52,25 +57,27 @@ pub(super) fn refine(
         pose: start,
         information: Matrix6::zeros(),
         scatter: Matrix6::zeros(),
+        products: Matrix6::zeros(),
         floor: 0.0,
         rms: f64::INFINITY,
         rounds: 0,
     };
     let mut reach = bounds.reach;
+    let mut matches = Vec::new();
     for round in 1..=bounds.rounds {
-        let near = points.iter().filter_map(|p| target.matched(p, &fitted.pose, reach));
-        let matches: Vec<Match> = near.filter(|m| m.facing > SAME_FACE).collect();
+        matches = target.matches(points, &fitted.pose, reach);
+        matches.retain(|m| m.facing > SAME_FACE);
         fitted.rounds = round;
         if matches.len() < 6 {
             fitted.rms = f64::INFINITY;
-            break;
+            return fitted;
         }
         let told = median(&mut matches.iter().map(|m| m.told).collect::<Vec<_>>());
         let scatter = scale_about_zero(matches.iter().map(|m| m.residual));
         let floor2 = (scatter * scatter - told).max(0.0).max((ROUNDING * radius).powi(2));
         fitted.floor = floor2.sqrt();
         let gradient = fitted.weigh(&matches, floor2, radius);
-        let mut step = damped_step(&fitted.information, &gradient);
+        let (mut step, left) = damped_step(&fitted.information, &gradient);
         for way in frozen {
             step -= way * way.dot(&step);
         }
@@ -82,12 +89,14 @@ pub(super) fn refine(
         // What is farther off than anything that has a say is looked for no more.
         let noise = (told + floor2).sqrt();
         let next = (3.0 * TUKEY * noise).min(reach);
-        let settled = step.norm() < SETTLED * noise + NO_STEP * radius && next > 0.9 * reach;
+        let rests = step.norm() < SETTLED * noise + NO_STEP * radius || left < NOTHING_LEFT;
+        let settled = rests && next > 0.9 * reach;
         reach = next.max(0.5 * reach);
         if settled {
             break;
         }
     }
+    (fitted.scatter, fitted.products) = certainty(&matches, fitted.floor * fitted.floor, radius);
     fitted
 }
 
@@ -95,30 +104,15 @@ impl Fitted {
     /// Takes the normal equations of some matches with Tukey's weights, and returns their gradient.
     fn weigh(&mut self, matches: &[Match], floor2: f64, radius: f64) -> Vector6<f64> {
         let (mut gradient, mut sum, mut count) = (Vector6::zeros(), 0.0, 0.0);
-        let (mut weights, mut slopes) = (0.0, 0.0);
-        (self.information, self.scatter) = (Matrix6::zeros(), Matrix6::zeros());
+        self.information = Matrix6::zeros();
         for m in matches {
-            let variance = m.told + floor2;
-            let ratio = m.residual * m.residual / (variance * TUKEY * TUKEY);
-            if ratio >= 1.0 {
-                continue;
-            }
-            let weight = (1.0 - ratio).powi(2) / variance;
-            // A turn by ω about the middle and a shift by t move the point by ω × arm + t.
-            let turn = m.arm.cross(&m.normal) / radius;
-            let row = Vector6::new(turn.x, turn.y, turn.z, m.normal.x, m.normal.y, m.normal.z);
+            let Some(weight) = m.weight(floor2) else { continue };
+            let row = m.row(radius);
             gradient += row * (weight * m.residual);
             self.information += row * row.transpose() * weight;
-            self.scatter += row * row.transpose() * (weight * m.residual).powi(2);
-            weights += weight;
-            slopes += (1.0 - ratio) * (1.0 - 5.0 * ratio) / variance;
             sum += m.residual * m.residual;
             count += 1.0;
         }
-        // The mean slope of the influence over the mean weight: what reweighting hides of the curvature (P. Huber, Robust
-        // Statistics, 1981, section 7.6).
-        let share = if weights > 0.0 { (slopes / weights).max(0.1) } else { 1.0 };
-        self.scatter /= share * share;
         self.rms = (sum / f64::max(count, 1.0)).sqrt();
         gradient
     }
@@ -126,17 +120,32 @@ impl Fitted {
     /// Returns the covariance of a small motion in the units of [`Fitted::information`]; along `unknown` motions, and others that
     /// nothing is known of, that of a motion by `anything`.
     pub(super) fn covariance(&self, unknown: &[Vector6<f64>], anything: f64) -> Matrix6<f64> {
-        let eigen = self.information.symmetric_eigen();
-        let most = eigen.eigenvalues.max();
-        let inverse = eigen.eigenvalues.map(|value| if value > 1e-9 * most { 1.0 / value } else { 0.0 });
-        let pseudo = eigen.eigenvectors * Matrix6::from_diagonal(&inverse) * eigen.eigenvectors.transpose();
+        let dynamic = |matrix: &Matrix6<f64>| DMatrix::from_column_slice(6, 6, matrix.as_slice());
+        let inverse = form_inverse(&dynamic(&self.information), &dynamic(&self.products));
+        let inverse = Matrix6::from_column_slice(inverse.as_slice());
         let mut keep = Matrix6::identity();
         for way in unknown {
             keep -= way * way.transpose();
         }
-        let known = keep * pseudo * self.scatter * pseudo * keep;
+        let known = keep * inverse * self.scatter * inverse * keep;
         known + (Matrix6::identity() - keep) * (anything * anything)
     }
+}
+
+/// Returns the scatter of the gradient of some matches, from that of patches of them, and the information of their normals' products.
+fn certainty(matches: &[Match], floor2: f64, radius: f64) -> (Matrix6<f64>, Matrix6<f64>) {
+    let weighed: Vec<(&Match, f64)> = matches.iter().filter_map(|m| Some((m, m.weight(floor2)?))).collect();
+    let places: Vec<Vector3<f64>> = weighed.iter().map(|(m, _)| m.arm).collect();
+    // Moved points are finite, and fewer than fit into a tree.
+    let patches = patches(&places).unwrap_or_default();
+    let mut scatter = Matrix6::zeros();
+    for patch in &patches {
+        let pulls = patch.iter().map(|&at| weighed[at]).map(|(m, w)| m.row(radius) * (w * m.residual));
+        let sum: Vector6<f64> = pulls.sum();
+        scatter += sum * sum.transpose();
+    }
+    let products = weighed.iter().map(|(m, weight)| m.product(radius) * *weight).sum();
+    (scatter * (followed(patches.len(), 6) / bent(matches, floor2).powi(2)), products)
 }
 
 /// Returns a pose followed by a small motion: a turn about the moved middle in units of the radius, and a shift.
@@ -152,14 +161,17 @@ pub(super) fn moved(
     Translation3::from(middle + shift) * UnitQuaternion::new(turn) * Translation3::from(-middle) * pose
 }
 
-fn damped_step(information: &Matrix6<f64>, gradient: &Vector6<f64>) -> Vector6<f64> {
+/// Returns a step, and what one without damping would win.
+fn damped_step(information: &Matrix6<f64>, gradient: &Vector6<f64>) -> (Vector6<f64>, f64) {
     let eigen = information.symmetric_eigen();
     let most = eigen.eigenvalues.max();
-    let mut step = Vector6::zeros();
+    let (mut step, mut left) = (Vector6::zeros(), 0.0);
     for (value, way) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
         if *value > 1e-9 * most {
-            step -= way * (way.dot(gradient) / (value + DAMPING * most));
+            let along = way.dot(gradient);
+            step -= way * (along / (value + DAMPING * most));
+            left += along * along / value;
         }
     }
-    step
+    (step, left)
 }

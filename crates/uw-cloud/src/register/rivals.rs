@@ -51,7 +51,7 @@ impl<'a, 'm> Judge<'a, 'm> {
                 // What lies as near before a point may be the surface that it is of.
                 if *cost < 1.0
                     && length > clear_mm
-                    && self.target.mesh.stands_between(&sensor, &(place - sight * (clear_mm / length)))
+                    && self.target.faces().stands_between(&sensor, &(place - sight * (clear_mm / length)))
                 {
                     *cost = 1.0;
                 }

@@ -1,24 +1,53 @@
 //! The points that a pose is estimated from, and what each lies off the mesh.
 
+use super::sweep::SweepSurface;
 use crate::cloud::{PointCloud, unpacked};
 use crate::error::RegisterError;
+use crate::mesh::TriangleMesh;
 use crate::nearest::{Nearest, NearestOnMesh};
 use crate::neighbours::Neighbours;
-use crate::normals::{NORMAL_NEIGHBOURS, local_plane};
+use crate::normals::{LocalPlane, NORMAL_NEIGHBOURS, local_plane, local_planes};
 use crate::robust::ranked;
-use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Vector3, Vector6};
 
 /// Tukey's constant: 95 % of a mean's efficiency with Gaussian noise, nothing from beyond it.
 pub(super) const TUKEY: f64 = 4.685;
 /// Points that a pose is estimated from; more don't make it better than what the instrument shares between them.
-const MOST_POINTS: usize = 20_000;
+const MOST_POINTS: usize = 50_000;
 /// Share of the points that the cloud's size is taken from: a few far astray don't make it large.
 const SIZED_BY: f64 = 0.95;
 
 /// What is known of a point's own error.
-enum Own {
+pub(super) enum Own {
     Covariance(Matrix3<f64>),
     Variance(f64),
+}
+
+impl Own {
+    /// What a cloud tells of a point.
+    pub(super) fn of(cloud: &PointCloud, point: usize) -> Self {
+        match (cloud.covariances_mm2(), cloud.sigmas_mm()) {
+            (Some(all), _) => Self::Covariance(unpacked(&all[point])),
+            (None, Some(sigmas)) => Self::Variance(f64::from(sigmas[point]).powi(2)),
+            (None, None) => Self::Variance(0.0),
+        }
+    }
+
+    /// The variance along a direction, mm².
+    pub(super) fn along(&self, direction: &Vector3<f64>) -> f64 {
+        match self {
+            Self::Covariance(all) => direction.dot(&(all * direction)).max(0.0),
+            Self::Variance(own) => *own,
+        }
+    }
+
+    /// The variance along all directions together, or along any where they are alike, mm².
+    fn most(&self) -> f64 {
+        match self {
+            Self::Covariance(all) => all.trace().max(0.0),
+            Self::Variance(own) => *own,
+        }
+    }
 }
 
 /// One point of the cloud.
@@ -26,11 +55,11 @@ pub(super) struct Sample {
     pub(super) place: Vector3<f64>,
     /// Normal of the surface about it; towards the sensor where [`Samples::signed`].
     pub(super) normal: Option<Vector3<f64>>,
-    own: Own,
+    pub(super) own: Own,
 }
 
 /// Points of a cloud, their middle and size.
-pub(super) struct Samples {
+pub(crate) struct Samples {
     pub(super) points: Vec<Sample>,
     pub(super) middle: Vector3<f64>,
     /// Root mean square distance from the middle, mm.
@@ -46,20 +75,39 @@ impl Samples {
         if cloud.len() < 6 {
             return Err(RegisterError::TooFewPoints { got: cloud.len() });
         }
-        let step = cloud.len().div_ceil(MOST_POINTS);
         let positions = cloud.positions_mm();
         let neighbours = Neighbours::new(positions)?;
+        // Only of what one sweep saw is it known which side the sensor was on.
+        let signed = cloud.pixels().is_some();
+        if cloud.len() <= MOST_POINTS {
+            let planes = local_planes(&neighbours, NORMAL_NEIGHBOURS, &[0.0; 3]);
+            return Self::with_planes(cloud, |i| planes[i], signed);
+        }
+        let plane =
+            |i: usize| local_plane(positions, &neighbours, &positions[i], NORMAL_NEIGHBOURS, &[0.0; 3]);
+        Self::with_planes(cloud, plane, signed)
+    }
+
+    /// Takes points evenly from a sweep, which was seen from its frame's origin, pixels or not.
+    pub(crate) fn of_sweep(sweep: &SweepSurface<'_>) -> Result<Self, RegisterError> {
+        Self::with_planes(sweep.cloud, |i| sweep.planes[i], true)
+    }
+
+    fn with_planes(
+        cloud: &PointCloud,
+        plane: impl Fn(usize) -> Option<LocalPlane>,
+        signed: bool,
+    ) -> Result<Self, RegisterError> {
         let sample = |i: usize| Sample {
             place: cloud.vector(i),
-            normal: local_plane(positions, &neighbours, &positions[i], NORMAL_NEIGHBOURS, &[0.0; 3])
-                .map(|plane| plane.normal),
-            own: match (cloud.covariances_mm2(), cloud.sigmas_mm()) {
-                (Some(all), _) => Own::Covariance(unpacked(&all[i])),
-                (None, Some(sigmas)) => Own::Variance(f64::from(sigmas[i]).powi(2)),
-                (None, None) => Own::Variance(0.0),
-            },
+            normal: plane(i).map(|plane| plane.normal),
+            own: Own::of(cloud, i),
         };
+        let step = cloud.len().div_ceil(MOST_POINTS).max(1);
         let points: Vec<Sample> = (0..cloud.len()).step_by(step).map(sample).collect();
+        if points.len() < 6 {
+            return Err(RegisterError::TooFewPoints { got: cloud.len() });
+        }
         let middle = Vector3::from_fn(|axis, _| {
             let mut values: Vec<f64> = points.iter().map(|p| p.place[axis]).collect();
             let half = values.len() / 2;
@@ -72,8 +120,7 @@ impl Samples {
         if radius <= 1e-12 * middle.norm() {
             return Err(RegisterError::OnePlace);
         }
-        // Only of what one sweep saw is it known which side the sensor was on.
-        Ok(Self { points, middle, radius, signed: cloud.pixels().is_some() })
+        Ok(Self { points, middle, radius, signed })
     }
 
     /// Returns up to so many of the points, evenly taken.
@@ -87,6 +134,8 @@ pub(super) struct Match {
     /// From the cloud's middle to the point, both moved.
     pub(super) arm: Vector3<f64>,
     pub(super) normal: Vector3<f64>,
+    /// The two surfaces' own normals; the same twice where one of them has no errors, or none is known.
+    pub(super) normals: [Vector3<f64>; 2],
     /// Along the normal, mm.
     pub(super) residual: f64,
     /// Variance that the cloud and the mesh tell of, mm².
@@ -95,40 +144,104 @@ pub(super) struct Match {
     pub(super) facing: f64,
 }
 
-/// The mesh, and how normals are to be compared with it.
+impl Match {
+    /// The residual squared, as a share of what has no say any more.
+    pub(super) fn ratio(&self, floor2: f64) -> f64 {
+        self.residual * self.residual / ((self.told + floor2) * TUKEY * TUKEY)
+    }
+
+    /// Tukey's weight over the variance, mm⁻², with the scatter beyond what is told; `None` of what has no say.
+    pub(super) fn weight(&self, floor2: f64) -> Option<f64> {
+        let ratio = self.ratio(floor2);
+        (ratio < 1.0).then(|| (1.0 - ratio).powi(2) / (self.told + floor2))
+    }
+
+    /// What the residual changes by with a small turn about the middle, in units of the radius, and a shift: the point moves by ω × arm + t.
+    pub(super) fn row(&self, radius: f64) -> Vector6<f64> {
+        self.row_along(&self.normal, radius)
+    }
+
+    /// The product of what it changes by along the one surface's normal and along the other's.
+    pub(super) fn product(&self, radius: f64) -> Matrix6<f64> {
+        let [own, other] = self.normals.map(|normal| self.row_along(&normal, radius));
+        let product = own * other.transpose();
+        (product + product.transpose()) * 0.5
+    }
+
+    fn row_along(&self, normal: &Vector3<f64>, radius: f64) -> Vector6<f64> {
+        let turn = self.arm.cross(normal) / radius;
+        Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z)
+    }
+}
+
+/// What points are laid onto.
+#[derive(Clone, Copy)]
+pub(super) enum Onto<'a, 'm> {
+    /// A form without errors of measurement.
+    Mesh(&'a NearestOnMesh<'m>),
+    Sweep(&'a SweepSurface<'m>),
+}
+
+/// What points are laid onto, and how normals are to be compared with it.
+#[derive(Clone, Copy)]
 pub(super) struct Target<'a, 'm> {
-    pub(super) mesh: &'a NearestOnMesh<'m>,
+    pub(super) onto: Onto<'a, 'm>,
     pub(super) middle: Vector3<f64>,
     pub(super) signed: bool,
 }
 
-impl Target<'_, '_> {
+impl<'a, 'm> Target<'a, 'm> {
+    /// The faces of what points are laid onto.
+    pub(super) fn faces(&self) -> &'a NearestOnMesh<'m> {
+        match self.onto {
+            Onto::Mesh(mesh) => mesh,
+            Onto::Sweep(sweep) => &sweep.faces,
+        }
+    }
+
+    pub(super) fn mesh(&self) -> &'a TriangleMesh {
+        self.faces().mesh()
+    }
+
     /// Returns what a point moved by a pose belongs to; `None` beyond the reach and where the nearest point lies on a border.
     pub(super) fn matched(&self, sample: &Sample, pose: &Isometry3<f64>, reach: f64) -> Option<Match> {
-        let moved = (pose * Point3::from(sample.place)).coords;
-        let near = self.mesh.nearest_within(&moved.into(), reach).filter(|near| !near.on_border)?;
-        let (normal, mesh_variance) = self.surface(&near);
-        let own = match &sample.own {
-            Own::Covariance(all) => {
-                let back = pose.rotation.inverse_transform_vector(&normal);
-                back.dot(&(all * back)).max(0.0)
-            }
-            Own::Variance(own) => *own,
+        let found = match self.onto {
+            Onto::Mesh(mesh) => self.matched_on(mesh, sample, pose, reach)?,
+            Onto::Sweep(sweep) => sweep.matched(sample, pose, &self.middle, reach)?,
         };
-        let facing = sample.normal.map_or(1.0, |n| (pose.rotation * n).dot(&normal));
+        Some(Match { facing: if self.signed { found.facing } else { found.facing.abs() }, ..found })
+    }
+
+    /// Returns what those of some points belong to that have something within the reach, in their order.
+    pub(super) fn matches(&self, points: &[&Sample], pose: &Isometry3<f64>, reach: f64) -> Vec<Match> {
+        points.iter().filter_map(|point| self.matched(point, pose, reach)).collect()
+    }
+
+    fn matched_on(
+        &self,
+        mesh: &NearestOnMesh<'_>,
+        sample: &Sample,
+        pose: &Isometry3<f64>,
+        reach: f64,
+    ) -> Option<Match> {
+        let moved = (pose * Point3::from(sample.place)).coords;
+        let near = mesh.nearest_within(&moved.into(), reach).filter(|near| !near.on_border)?;
+        let (normal, mesh_variance) = self.surface(&near);
+        let back = pose.rotation.inverse_transform_vector(&normal);
         Some(Match {
             arm: moved - (pose * Point3::from(self.middle)).coords,
             normal,
+            normals: [normal; 2],
             residual: normal.dot(&(moved - Vector3::from(near.point_mm))),
-            told: own + mesh_variance,
-            facing: if self.signed { facing } else { facing.abs() },
+            told: sample.own.along(&back) + mesh_variance,
+            facing: sample.normal.map_or(1.0, |n| (pose.rotation * n).dot(&normal)),
         })
     }
 
     /// The mesh's normal at a point, smoothed over the vertices of its triangle where the mesh is a measured one, and its variance.
     fn surface(&self, near: &Nearest) -> (Vector3<f64>, f64) {
         let own = Vector3::from(near.normal);
-        let mesh = self.mesh.mesh();
+        let mesh = self.mesh();
         let Some(sigmas) = mesh.sigmas_mm() else { return (own, 0.0) };
         let corners = mesh.triangles()[near.triangle];
         let variance = corners.iter().map(|&v| f64::from(sigmas[v as usize]).powi(2)).sum::<f64>() / 3.0;
@@ -151,12 +264,8 @@ impl Target<'_, '_> {
         /// Normals of a point and of its place on the mesh differ by less than 45°.
         const ALIKE: f64 = 0.7;
         let cost = |sample: &Sample| {
-            let most = match &sample.own {
-                Own::Covariance(all) => all.trace().max(0.0),
-                Own::Variance(own) => *own,
-            };
-            // The mesh's own part is not known yet: as much again.
-            let reach = TUKEY * (2.0 * most + floor * floor).sqrt();
+            // The other surface's own part is not known yet: as much again.
+            let reach = TUKEY * (2.0 * sample.own.most() + floor * floor).sqrt();
             match self.matched(sample, pose, reach) {
                 Some(m) if m.facing > ALIKE => {
                     let share = m.residual.powi(2) / (TUKEY * TUKEY * (m.told + floor * floor));

@@ -44,13 +44,13 @@ pub(super) fn starts(samples: &Samples, target: &Target<'_, '_>, most: usize) ->
     let mut random = Random::new(1);
     let mut trial = Trial::new(samples, target, &mut random);
     trial.take(Isometry3::identity());
-    axes_onto_axes(samples, target.mesh.mesh()).into_iter().for_each(|pose| trial.take(pose));
+    axes_onto_axes(samples, target.mesh()).into_iter().for_each(|pose| trial.take(pose));
     let with_normal: Vec<(&Sample, Vector3<f64>)> =
         samples.points.iter().filter_map(|s| Some((s, s.normal?))).collect();
     if with_normal.len() < 2 {
         return trial.best(most);
     }
-    let places = places(target.mesh.mesh(), samples.radius, &mut random);
+    let places = places(target.mesh(), samples.radius, &mut random);
     let widest = 2.5 * samples.radius;
     let alike = Alike::new(&places, widest);
     let sides: &[(f64, f64)] =

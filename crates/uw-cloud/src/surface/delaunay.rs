@@ -61,7 +61,33 @@ pub(super) fn triangulate(places: &[[f64; 2]]) -> Flat {
             inner => inner as u32 - 1,
         }));
     }
-    flat
+    in_order(&flat, places.len())
+}
+
+/// Returns the triangles in the order of their least corners: points come in the order of the scan, and triangles that are asked for together then lie
+/// together in memory.
+fn in_order(flat: &Flat, places: usize) -> Flat {
+    let least = |corners: &[u32; 3]| corners.iter().copied().fold(u32::MAX, u32::min) as usize;
+    let mut starts = vec![0_u32; places + 1];
+    flat.triangles.iter().for_each(|corners| starts[least(corners) + 1] += 1);
+    (0..places).for_each(|v| starts[v + 1] += starts[v]);
+    let number = |corners: &[u32; 3]| {
+        let next = &mut starts[least(corners)];
+        *next += 1;
+        *next - 1
+    };
+    let numbers: Vec<u32> = flat.triangles.iter().map(number).collect();
+    let mut sorted = Flat {
+        triangles: vec![[0; 3]; numbers.len()],
+        across: vec![[NONE; 3]; numbers.len()],
+        shared: flat.shared,
+    };
+    for ((corners, across), &number) in flat.triangles.iter().zip(&flat.across).zip(&numbers) {
+        sorted.triangles[number as usize] = *corners;
+        let renumbered = across.map(|other| if other == NONE { NONE } else { numbers[other as usize] });
+        sorted.across[number as usize] = renumbered;
+    }
+    sorted
 }
 
 /// Returns the squared radius of a triangle's circumcircle over that triangle's area times two, both in the plane's

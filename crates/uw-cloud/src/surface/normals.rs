@@ -8,6 +8,8 @@ use rayon::prelude::*;
 
 /// Triangles that are tried as a face's, and normals whose spread tells that of most.
 const CANDIDATES: usize = 40;
+/// Candidates whose scores are counted side by side.
+const LANES: usize = 8;
 const MOST_SPREADS: usize = 20_000;
 
 /// Cosine of the angle between neighbouring triangles beyond which a vertex may lie at a step: 20°.
@@ -198,6 +200,33 @@ fn about(
     face_of_most(&near)
 }
 
+/// The candidate that most of the triangles agree with.
+///
+/// All candidates' scores grow together, triangle by triangle, in single precision: several fit into one of the processor's registers.
+fn most_agreed(near: &[(Vector3<f64>, f64)]) -> Vector3<f64> {
+    let [whole, none] = ONE_FACE_COS.map(|cosine| cosine as f32);
+    let steep = 1.0 / (whole - none);
+    let step = near.len().div_ceil(CANDIDATES).max(1);
+    let mut axes = [[0.0_f32; CANDIDATES]; 3];
+    let mut candidates = 0;
+    for (own, _) in near.iter().step_by(step) {
+        axes.iter_mut().zip(own.iter()).for_each(|(axis, own)| axis[candidates] = *own as f32 * steep);
+        candidates += 1;
+    }
+    let lanes = candidates.next_multiple_of(LANES).min(CANDIDATES);
+    let [xs, ys, zs] = &axes;
+    let (xs, ys, zs) = (&xs[..lanes], &ys[..lanes], &zs[..lanes]);
+    let mut scores = [0.0_f32; CANDIDATES];
+    for (other, weight) in near {
+        let ([x, y, z], weight) = ([other.x as f32, other.y as f32, other.z as f32], *weight as f32);
+        for (((score, a), b), c) in scores[..lanes].iter_mut().zip(xs).zip(ys).zip(zs) {
+            *score += weight * (a * x + b * y + c * z - none * steep).clamp(0.0, 1.0);
+        }
+    }
+    let best = (0..candidates).fold(0, |best, at| if scores[at] > scores[best] { at } else { best });
+    near.get(best * step).map_or_else(Vector3::zeros, |(own, _)| *own)
+}
+
 /// The normals of the largest group of one face; triangles come with their weights.
 ///
 /// Some of the triangles, evenly taken, stand for candidates: of the largest face there are several among so many, and the mean that follows is the same from each.
@@ -205,15 +234,8 @@ fn face_of_most(near: &[(Vector3<f64>, f64)]) -> Sum {
     let [whole, none] = ONE_FACE_COS;
     let share =
         |a: &Vector3<f64>, b: &Vector3<f64>| ((a.dot(b) - none) * (1.0 / (whole - none))).clamp(0.0, 1.0);
-    let mut best = (0.0, Vector3::zeros());
-    for (own, _) in near.iter().step_by(near.len().div_ceil(CANDIDATES).max(1)) {
-        let score: f64 = near.iter().map(|(other, weight)| weight * share(own, other)).sum();
-        if score > best.0 {
-            best = (score, *own);
-        }
-    }
     // Thrice more about the mean, so that the noise of the one triangle does not stay.
-    let mut middle = best.1;
+    let mut middle = most_agreed(near);
     let mut sum = Sum { normals: Vector3::zeros(), count: 0.0 };
     for _ in 0..3 {
         sum = Sum { normals: Vector3::zeros(), count: 0.0 };
