@@ -152,7 +152,7 @@ const GOODBYE: Duration = Duration::from_secs(1);
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
     if args.live.is_none() && args.listening.is_given() {
-        let what = "--foxglove, --view-token-file and --control-token-file are of a scan that is shown: give --live, too";
+        let what = "--foxglove, the tokens' and the certificate's files are of a scan that is shown: give --live, too";
         return Err(usage_error(ErrorKind::MissingRequiredArgument, what));
     }
     let overwrite = overwrite(args.force);

@@ -46,7 +46,7 @@ fn send(socket: &mut WebSocket<TcpStream>, value: &Value) {
 
 #[test]
 fn every_topic_comes_to_who_subscribes_and_nothing_can_be_set() {
-    let options = Options { listen: local(), access: Access::Local, foxglove: Some(local()) };
+    let options = Options { listen: local(), access: Access::Local, tls: None, foxglove: Some(local()) };
     let (server, feed, asked) = Server::start(options).unwrap();
     let parameters = vec![("planned".to_owned(), 101.0)];
     feed.about(About { image_size: [96, 64], parameters, ..About::default() });
