@@ -1,6 +1,7 @@
 //! Recordings shown as if they were scanned now, with a time line.
 
 use super::watch::told;
+use super::without_folders;
 use crate::Error;
 use crate::live::{About, Action, Asked, Feed, Level, Mode, Phase, Replay, State, Stripe, Timeline};
 use crate::pipeline::load::Reading;
@@ -71,13 +72,14 @@ pub fn replay(
             }
             (Err(error), None) => return Err(error),
             (Err(error), Some(request)) => {
-                Asked::refuse(request, &error.to_string());
-                feed.note(Level::Error, error.to_string());
+                let why = without_folders(&error.to_string(), &shown.path);
+                Asked::refuse(request, &why);
+                feed.note(Level::Error, why);
                 shown = first;
                 continue;
             }
         };
-        warnings.into_iter().for_each(|text| feed.note(Level::Warning, text));
+        warnings.iter().for_each(|text| feed.note(Level::Warning, without_folders(text, &shown.path)));
         let calibration = opened.calibration.clone();
         let mut player = Player::new(opened, calibration.as_ref(), shown, &names, feed)?;
         match player.play(asked, stop) {
@@ -339,7 +341,8 @@ impl<'a> Player<'a> {
         let image = match self.reading.stripe(&self.capture, record) {
             Ok(image) => image,
             Err(error) => {
-                self.feed.note(Level::Warning, error.to_string());
+                let text = without_folders(&error.to_string(), &self.capture.path);
+                self.feed.note(Level::Warning, text);
                 return None;
             }
         };
@@ -418,7 +421,7 @@ fn preview<'a>(capture: &Capture, file: &'a CalibrationFile, feed: &Feed) -> Res
     let nominal = capture.rig.as_ref().and_then(Rig::water_index);
     let settings = Settings::default();
     let medium = outside(capture.medium, nominal, &capture.path, file, &settings, &mut warnings)?;
-    warnings.into_iter().for_each(|text| feed.note(Level::Warning, text));
+    warnings.iter().for_each(|text| feed.note(Level::Warning, without_folders(text, &capture.path)));
     let bits = file.rig.camera.bits;
     Preview::new(file, medium, bits, Method::Robust)
         .map_err(|source| Error::Stripe { path: capture.path.clone(), source })

@@ -1,11 +1,12 @@
 //! A scan that is watched: what happens goes to the feed, and what is asked for comes back.
 
+use super::without_folders;
 use crate::live::{About, Action, Asked, Feed, Laser, Level, Mode, Phase, State, Stripe};
 use crate::pipeline::record::session::{Observer, Shot, unsigned};
 use crate::pipeline::record::{self, Counts, Plan, Scanned, SteerError, Steering, Tally};
 use crossbeam_channel::Receiver;
 use std::collections::VecDeque;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use uw_calib::Across;
@@ -38,6 +39,7 @@ pub struct Watched<'a> {
 pub struct Watch {
     feed: Feed,
     steering: Steering,
+    recording: PathBuf,
     bits: u8,
     lines: u32,
     calibrated: bool,
@@ -97,6 +99,7 @@ impl Watch {
         Self {
             feed,
             steering,
+            recording: recording.to_owned(),
             bits: camera.significant_bits,
             lines: match across {
                 Across::U => height,
@@ -121,23 +124,32 @@ impl Watch {
                 running.state.left_s = None;
                 running.state.laser =
                     if scanned.report.laser_off.is_ok() { Laser::Off } else { Laser::Unknown };
-                running.state.ended = scanned.ended.as_ref().map(ToString::to_string);
-                scanned.report.alarms().into_iter().for_each(|text| self.feed.note(Level::Error, text));
-                scanned.warnings.iter().for_each(|text| self.feed.note(Level::Warning, text.clone()));
+                running.state.ended = scanned.ended.as_ref().map(|ended| self.named(&ended.to_string()));
+                scanned.report.alarms().iter().for_each(|text| self.note(Level::Error, text));
+                scanned.warnings.iter().for_each(|text| self.note(Level::Warning, text));
                 if let Some(error) = &scanned.recording_error {
-                    self.feed.note(Level::Error, format!("the recording was cut off: {error}"));
+                    self.note(Level::Error, &format!("the recording was cut off: {error}"));
                 }
                 if let Some(Err(failure)) = &scanned.made {
-                    self.feed.note(Level::Warning, format!("no cloud: {failure}"));
+                    self.note(Level::Warning, &format!("no cloud: {failure}"));
                 }
             }
             Err(why) => {
                 running.state.phase = Phase::Failed;
-                running.state.ended = Some(why.to_owned());
-                self.feed.note(Level::Error, why);
+                running.state.ended = Some(self.named(why));
+                self.note(Level::Error, why);
             }
         }
         self.tell(&mut running);
+    }
+
+    /// What viewers get of a text.
+    fn named(&self, text: &str) -> String {
+        without_folders(text, &self.recording)
+    }
+
+    fn note(&self, level: Level, text: &str) {
+        self.feed.note(level, self.named(text));
     }
 
     fn tell(&self, running: &mut Running) {
@@ -235,9 +247,9 @@ impl Observer for Watch {
                 running.state.laser = Laser::Off;
                 running.held_since = Some(now);
             }
-            record::Phase::Ending => {
+            record::Phase::Ending { laser_off } => {
                 running.state.phase = Phase::Stopping;
-                running.state.laser = Laser::Off;
+                running.state.laser = if laser_off { Laser::Off } else { Laser::Unknown };
                 running.state.left_s = None;
             }
         }

@@ -1,5 +1,7 @@
 //! Steering a scan from other threads: held between two exposures, ended, the laser off.
 
+use crate::pipeline::record::session::Observer;
+use crate::pipeline::record::tally::Tally;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use uw_hw::interlock::{Handle, Reason, Report};
@@ -16,7 +18,10 @@ pub enum Phase {
     /// It is held: the laser is off, the mirror stays where it is.
     Held,
     /// Nothing is driven any more; the recording is finished, and the cloud made.
-    Ending,
+    Ending {
+        /// Whether the laser went off.
+        laser_off: bool,
+    },
 }
 
 /// Steers one scan after another; a clone steers the same.
@@ -144,14 +149,24 @@ impl Steering {
         std::mem::take(&mut self.state().asked)
     }
 
-    /// Waits until the scan may go on, or has stopped; the laser is off meanwhile. `meanwhile` is called again and again.
-    pub(crate) fn wait(&self, handle: &Handle, meanwhile: &mut dyn FnMut()) {
-        // What goes wrong with the laser stops the interlock, which the sweep sees before its next exposure.
-        let _ = handle.laser_off();
+    /// Puts the laser off, tells that the scan is held, and waits until it may go on or has stopped. `meanwhile` is called again and again.
+    pub(crate) fn wait(
+        &self,
+        handle: &Handle,
+        observer: &dyn Observer,
+        tally: &Tally,
+        meanwhile: &mut dyn FnMut(),
+    ) {
+        if handle.laser_off().is_err() {
+            // It has stopped the interlock, which the sweep sees before its next exposure.
+            return;
+        }
+        observer.phase(Phase::Held, tally);
         while self.is_held() && handle.reason().is_none() {
             handle.feed();
             meanwhile();
             std::thread::sleep(LOOK);
         }
+        observer.phase(Phase::Scanning, tally);
     }
 }

@@ -13,19 +13,17 @@ use std::{
 };
 
 use anyhow::Context;
-use clap::error::ErrorKind;
 use uwscan::{
     io::{Overwrite, calibration_toml, disk},
     live::{About, Laser, Level, Mode, Phase, State},
     pipeline::{
         instrument::Wanted,
-        live::{Source, obey, replay},
+        live::{Source, obey, replay, without_folders},
         record::Steering,
     },
 };
 
 use crate::{
-    args::usage_error,
     commands::scan::{MediumArg, Setup, tell},
     console::Console,
     exit::{Outcome, chain},
@@ -50,7 +48,7 @@ pub struct Args {
     /// Vehicle file of a station that scans when it is asked to
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Folder for its recordings and clouds [default: disk.folder of the vehicle file]
+    /// Folder for its recordings and clouds, made if it is missing [default: disk.folder of the vehicle file]
     #[arg(short, long, value_name = "FOLDER", requires = "config")]
     output: Option<PathBuf>,
     /// Calibration file [default: the recording's own, or the vehicle file's]
@@ -81,7 +79,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
 
 /// Shows recordings.
 fn show(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
-    let sources = sources(&args.captures)?;
+    let sources = sources(&args.captures);
     let calibration = match &args.calibration {
         Some(path) => {
             let (file, problems) = calibration_toml::read(path)?;
@@ -97,19 +95,18 @@ fn show(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Recordings by names that tell them apart.
-fn sources(paths: &[PathBuf]) -> anyhow::Result<Vec<Source>> {
+/// Recordings by names that tell them apart, and no folders: where they are is not their viewers' to know.
+fn sources(paths: &[PathBuf]) -> Vec<Source> {
     let mut taken = BTreeSet::new();
     paths
         .iter()
         .map(|path| {
             let own = path.file_name().map(|name| name.to_string_lossy().into_owned());
-            let whole = path.display().to_string();
-            let name = own.filter(|own| !taken.contains(own)).unwrap_or(whole);
-            if !taken.insert(name.clone()) {
-                return Err(usage_error(ErrorKind::ValueValidation, format!("{name} is given twice")));
-            }
-            Ok(Source { name, path: path.clone() })
+            let own = own.unwrap_or_else(|| path.display().to_string());
+            let numbered = (2..).map(|number| format!("{own} ({number})"));
+            let mut names = std::iter::once(own.clone()).chain(numbered);
+            let name = names.find(|name| taken.insert(name.clone())).unwrap_or(own);
+            Source { name, path: path.clone() }
         })
         .collect()
 }
@@ -118,7 +115,12 @@ fn sources(paths: &[PathBuf]) -> anyhow::Result<Vec<Source>> {
 fn station(args: &Args, config: &Path, console: &Console) -> anyhow::Result<Outcome> {
     let setup = Setup::read(config, args.calibration.as_deref(), args.medium, console)?;
     let folder = match &args.output {
-        Some(folder) => folder.clone(),
+        Some(folder) => {
+            std::fs::create_dir_all(folder)
+                .with_context(|| format!("{}: cannot make the folder", folder.display()))?;
+            folder.clone()
+        }
+        // Not made: the disk that it is on may be missing.
         None => setup.vehicle.resolve(&setup.vehicle.disk.folder),
     };
     // Told now, not when somebody far away asks for the first scan.
@@ -175,6 +177,7 @@ fn station(args: &Args, config: &Path, console: &Console) -> anyhow::Result<Outc
                 outcome = Outcome::WithLoss;
                 let why = chain(&error);
                 console.error(&why);
+                let why = without_folders(&why, &folder.join("scan"));
                 feed.note(Level::Error, why.clone());
                 feed.state(State { phase: Phase::Failed, ended: Some(why), ..State::default() });
             }
