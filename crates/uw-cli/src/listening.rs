@@ -102,7 +102,7 @@ impl Listening {
         let (server, feed, asked) = started?;
         console.line(format_args!("live: {}://{}/", scheme.name(), server.listening()));
         if let Some(at) = server.foxglove() {
-            console.line(format_args!("live: ws://{at} for Foxglove, on this machine alone: to look only"));
+            console.line(format_args!("live: ws://{at} for Foxglove, on this machine alone"));
         }
         Ok(Live { server, feed, asked })
     }

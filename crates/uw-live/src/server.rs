@@ -103,9 +103,8 @@ impl Server {
             next_client: AtomicU64::new(0),
             closing: to_close,
         });
-        let stream = foxglove
-            .map(|address| runtime.block_on(foxglove::start(address, shared.clone(), site.jpegs.clone())))
-            .transpose()?;
+        let stream =
+            foxglove.map(|address| runtime.block_on(foxglove::start(address, site.clone()))).transpose()?;
         let foxglove = stream.as_ref().map(|stream| stream.listening);
         let listener = {
             let _entered = runtime.enter();

@@ -6,7 +6,7 @@ mod replay;
 mod watch;
 
 pub use replay::{Replayed, Source, replay};
-pub use watch::{Watch, Watched, obey};
+pub use watch::{OneScan, Station, Watch, Watched, obey};
 
 /// What clients ask for, as it comes.
 pub type Requests = crossbeam_channel::Receiver<crate::live::Asked>;

@@ -24,6 +24,8 @@ use uw_stripe::Method;
 const BETWEEN: (Duration, Duration) = (Duration::from_millis(10), Duration::from_secs(2));
 /// How often it looks whether it is to end.
 const LOOK: Duration = Duration::from_millis(200);
+/// The setting of how many times as fast as it was recorded.
+const RATE: &str = "replay.rate";
 /// Points that are kept to be shown again after a jump.
 const KEPT: usize = 1 << 20;
 
@@ -176,6 +178,7 @@ impl<'a> Player<'a> {
             captures: names.to_vec(),
             parameters: vec![("frames".to_owned(), frames.len() as f64)],
         });
+        feed.settings(vec![(RATE.to_owned(), 1.0)]);
         let count = frames.len();
         Ok(Self {
             capture,
@@ -259,10 +262,17 @@ impl<'a> Player<'a> {
             }
             Action::Replay(Replay::Seek(_)) => Err(format!("it has {frames} images, counted from 0")),
             Action::Replay(Replay::Rate(rate)) => {
-                self.rate = *rate;
-                self.due = Instant::now() + self.between();
+                self.play_at(*rate);
                 Ok(Heard::Done)
             }
+            Action::Set { name, value } if name == RATE => match Replay::rate(*value) {
+                Some(Replay::Rate(rate)) => {
+                    self.play_at(rate);
+                    Ok(Heard::Done)
+                }
+                _ => Err("a rate is from 0.01 to 100".to_owned()),
+            },
+            Action::Set { .. } => Err("this is not to be set in a recording".to_owned()),
             // Nothing shines: that is what was asked for.
             Action::LaserOff => Ok(Heard::Done),
             Action::Start | Action::Stop => Err("this is a recording, not a scan".to_owned()),
@@ -278,6 +288,12 @@ impl<'a> Player<'a> {
                 Heard::Done
             }
         }
+    }
+
+    fn play_at(&mut self, rate: f64) {
+        self.rate = rate;
+        self.due = Instant::now() + self.between();
+        self.feed.settings(vec![(RATE.to_owned(), rate)]);
     }
 
     /// Goes to a frame: the cloud is what it was then.

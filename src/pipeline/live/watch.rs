@@ -285,25 +285,52 @@ pub(super) fn told(
     }
 }
 
-/// Does what clients ask for of the scans that `steering` steers, until nobody can ask any more; `start` is called where a scan is wanted,
-/// and says why there is none. It is not to wait for the scan: the laser could not be put off meanwhile.
-pub fn obey(
-    asked: &Receiver<Asked>,
-    steering: &Steering,
-    feed: &Feed,
-    start: &mut dyn FnMut() -> Result<(), String>,
-) {
+/// What can be asked for of who scans, besides what its steering does. None of it is to wait for a scan: the laser could not be put off meanwhile.
+pub trait Station {
+    /// Begins a scan.
+    ///
+    /// # Errors
+    /// Why there is none.
+    fn start(&mut self) -> Result<(), String>;
+
+    /// Gives a setting ([`Feed::settings`]) another value, for whoever asked.
+    ///
+    /// # Errors
+    /// Why it stays as it was.
+    fn set(&mut self, name: &str, value: f64, who: &str) -> Result<(), String>;
+}
+
+/// A scan that was begun when the program was, and is as it was begun.
+#[derive(Clone, Copy, Debug)]
+pub struct OneScan;
+
+impl Station for OneScan {
+    fn start(&mut self) -> Result<(), String> {
+        Err("there is one scan, and it runs already".to_owned())
+    }
+
+    fn set(&mut self, _: &str, _: f64, _: &str) -> Result<(), String> {
+        Err("a scan is as it was begun".to_owned())
+    }
+}
+
+/// Does what clients ask for of the scans that `steering` steers, until nobody can ask any more.
+pub fn obey(asked: &Receiver<Asked>, steering: &Steering, feed: &Feed, station: &mut dyn Station) {
     for asked in asked {
         let who = asked.who.clone();
         let done = match &asked.action {
-            Action::Start => start(),
+            Action::Start => station.start(),
             Action::Pause => steering.hold(&who).map_err(words),
             Action::Resume => steering.resume(&who).map_err(words),
             Action::Stop => steering.stop(&who).map_err(words),
             Action::LaserOff => laser_off(steering, &who),
             Action::Replay(_) => Err("this is a scan, not a recording".to_owned()),
+            Action::Set { name, value } => station.set(name, *value, &who),
         };
-        let name = asked.action.name();
+        let name = match &asked.action {
+            Action::Set { name, value } => format!("{name} = {value}"),
+            action => action.name().to_owned(),
+        };
         match done {
             Ok(()) => {
                 let level =

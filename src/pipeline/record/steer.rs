@@ -37,6 +37,8 @@ struct State {
     held: bool,
     /// What was asked, for the recording.
     asked: Vec<(Level, String)>,
+    /// What the next scan's recording is to say first.
+    next: Vec<(Level, String)>,
 }
 
 /// Why a scan can't be steered so.
@@ -131,9 +133,16 @@ impl Steering {
         }
     }
 
+    /// Has the log of the next scan begin with what it was made with, in place of what was said so before.
+    pub fn say_next(&self, texts: impl IntoIterator<Item = String>) {
+        self.state().next = texts.into_iter().map(|text| (Level::Info, text)).collect();
+    }
+
     /// Steers what this drives, until [`Steering::detach`].
     pub(crate) fn attach(&self, handle: &Handle) {
-        *self.state() = State { handle: Some(handle.clone()), ..State::default() };
+        let mut state = self.state();
+        let asked = std::mem::take(&mut state.next);
+        *state = State { handle: Some(handle.clone()), asked, ..State::default() };
     }
 
     pub(crate) fn detach(&self) {

@@ -21,7 +21,7 @@ use uwscan::{
     live::{Feed, Mode},
     pipeline::{
         instrument::{self, Opened, Wanted},
-        live::{Watch, Watched, obey},
+        live::{OneScan, Watch, Watched, obey},
         reconstruct,
         record::{Scanned, Settings, Steering, plan::Region, scan, session::Observer},
     },
@@ -170,10 +170,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         Some(Live { server, feed, asked }) => {
             let steering = Steering::default();
             let (theirs, shown) = (steering.clone(), feed.clone());
-            let start = || Err("there is one scan, and it runs already".to_owned());
             std::thread::Builder::new()
                 .name("uwscan-steer".to_owned())
-                .spawn(move || obey(&asked, &theirs, &shown, &mut { start }))
+                .spawn(move || obey(&asked, &theirs, &shown, &mut OneScan))
                 .context("cannot start a thread")?;
             let done = setup.scan(&target, overwrite, &wanted, Some((feed, steering, Mode::Scan)), console);
             server.close(GOODBYE);
