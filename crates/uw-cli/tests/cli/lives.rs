@@ -380,6 +380,24 @@ fn a_station_scans_the_part_that_foxglove_was_told_of() {
 }
 
 #[test]
+fn the_pace_of_a_replay_is_set_from_foxglove() {
+    let ball = fixture("ball");
+    let mut live = Live::begin(&["serve", ball.to_str().unwrap(), "--listen", "0"], Some(TOKEN));
+    live.wait("a time line", |text| text["type"] == "timeline" && text["rate"] == 1.0);
+    let mut foxglove = connect(live.foxglove.as_ref().unwrap(), "", "foxglove.sdk.v1");
+    assert_eq!(set(&mut foxglove, "replay.rate", json!(4.0)).0, json!(1.0), "without a right to");
+    assert_eq!(set(&mut foxglove, "control_token", json!(TOKEN)), (json!(""), None));
+    let (now, why) = set(&mut foxglove, "replay.rate", json!(0.0));
+    assert!(now == 1.0 && why.unwrap().contains("0.01 to 100"), "{now}");
+    assert_eq!(set(&mut foxglove, "replay.rate", json!(4.0)), (json!(4.0), None));
+    live.wait("another pace", |text| text["type"] == "timeline" && text["rate"] == 4.0);
+    // What the page sets is told there, too.
+    assert_eq!(live.ask(json!({"type": "replay", "do": "rate", "rate": 0.5})).0, None);
+    let (now, why) = set(&mut foxglove, "replay.rate", json!("slow"));
+    assert!(now == 0.5 && why.is_some(), "{now}");
+}
+
+#[test]
 fn others_need_a_token_and_a_weak_one_is_refused() {
     let dir = simulated(STEPS);
     let file = dir.path().join("token");
