@@ -1708,7 +1708,7 @@ def batch_table(jobs: collections.abc.Sequence[tuple[str, str | os.PathLike[str]
     Writes the table of the recordings' results (CSV), from the files beside their clouds; where it is.
     """
 
-def calibrate(captures: Capture | str | os.PathLike[str] | collections.abc.Sequence[Capture | str | os.PathLike[str]], *, rig: str | os.PathLike[str] | None = None, method: typing.Literal['joint', 'paper'] = "joint", threads: SupportsIndex | None = None, progress: collections.abc.Callable[[str, int, int], object] | typing.Literal[False] | None = None) -> Calibration:
+def calibrate(captures: Capture | str | os.PathLike[str] | collections.abc.Sequence[Capture | str | os.PathLike[str]], *, rig: str | os.PathLike[str] | None = None, method: typing.Literal['joint', 'paper'] = "joint", report: str | os.PathLike[str] | None = None, made: str | None = None, overwrite: bool = False, threads: SupportsIndex | None = None, progress: collections.abc.Callable[[str, int, int], object] | typing.Literal[False] | None = None) -> Calibration:
     """
     The calibration from captures of a chessboard, in air, in water or both: one joint adjustment of the whole instrument.
 
@@ -1788,6 +1788,12 @@ def estimate_normals(cloud: Cloud | numpy.typing.ArrayLike, *, neighbours: Suppo
     The cloud with the surface's unit normal at each point, towards the sensor, from the plane through its neighbours.
 
     Parameters
+    report : str or os.PathLike, optional
+        Write a page (.html), too: residual maps, coverage of the view, placements, correlations, rejected images, advice.
+    made : str, optional
+        When the page was made, as it is to say it.
+    overwrite : bool, default False
+        Replace the page where it exists.
     ----------
     cloud : Cloud or array_like
         Points, (n, 3), mm.
@@ -1804,6 +1810,8 @@ def estimate_normals(cloud: Cloud | numpy.typing.ArrayLike, *, neighbours: Suppo
     Raises
     ------
     InputError
+    ExistingFileError, InputError
+        Where the page exists, or its name is no page's: before anything is calibrated.
         For positions that are not finite, or a number of neighbours out of range.
 
     Examples
@@ -2306,7 +2314,7 @@ def triangulate_surface(cloud: Cloud | numpy.typing.ArrayLike, *, sensor_mm: num
     16.0
     """
 
-def water_index(temperature_c: numpy.typing.ArrayLike, salinity_psu: numpy.typing.ArrayLike, wavelength_nm: numpy.typing.ArrayLike, depth_m: numpy.typing.ArrayLike | None = None) -> typing.Any:
+def water_index(temperature_c: numpy.typing.ArrayLike, salinity_psu: numpy.typing.ArrayLike, wavelength_nm: numpy.typing.ArrayLike, depth_m: numpy.typing.ArrayLike = 0.0) -> typing.Any:
     """
     Index of refraction of water relative to air: Quan and Fry (Appl. Opt. 34 (1995) 3477), with a term linear in depth.
 
@@ -2318,8 +2326,8 @@ def water_index(temperature_c: numpy.typing.ArrayLike, salinity_psu: numpy.typin
         Practical salinity (0 to 35).
     wavelength_nm : array_like
         Wavelength in air, nm (400 to 700).
-    depth_m : array_like, optional
-        Depth below the surface, m; 0 by default.
+    depth_m : array_like, default 0.0
+        Depth below the surface, m.
 
     Returns
     -------
