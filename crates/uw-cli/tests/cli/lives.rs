@@ -176,7 +176,7 @@ fn connect(address: &str, path: &str, protocol: &'static str) -> WebSocket<TcpSt
 }
 
 /// Has a parameter set over Foxglove's stream: the value that it has then, and what was warned of.
-fn set(socket: &mut WebSocket<TcpStream>, name: &str, value: Value) -> (Value, Option<String>) {
+fn set(socket: &mut WebSocket<TcpStream>, name: &str, value: &Value) -> (Value, Option<String>) {
     let parameter = json!({"name": name, "value": value});
     let asked = json!({"op": "setParameters", "parameters": [parameter], "id": name});
     socket.send(Message::text(asked.to_string())).unwrap();
@@ -354,8 +354,8 @@ fn a_station_scans_the_part_that_foxglove_was_told_of() {
     let output = folder.to_str().unwrap();
     let mut live = Live::begin(&["serve", "--config", &config, "--listen", "0", "-o", output], Some(TOKEN));
     let mut foxglove = connect(live.foxglove.as_ref().unwrap(), "", "foxglove.sdk.v1");
-    assert_eq!(set(&mut foxglove, "next.from_v", json!(0.9)).0, json!(0.8), "without a right to");
-    assert_eq!(set(&mut foxglove, "control_token", json!(TOKEN)), (json!(""), None));
+    assert_eq!(set(&mut foxglove, "next.from_v", &json!(0.9)).0, json!(0.8), "without a right to");
+    assert_eq!(set(&mut foxglove, "control_token", &json!(TOKEN)), (json!(""), None));
     for (name, value, still) in [
         ("next.to_v", json!(1.2), json!(1.1)),
         ("next.from_v", json!(-1.0), json!(0.8)),
@@ -363,11 +363,11 @@ fn a_station_scans_the_part_that_foxglove_was_told_of() {
         ("next.repeat", json!(1.5), json!(1.0)),
         ("next.repeat", json!(0), json!(1.0)),
     ] {
-        let (now, why) = set(&mut foxglove, name, value);
+        let (now, why) = set(&mut foxglove, name, &value);
         assert!(now == still && why.is_some(), "{name}: {now}, {why:?}");
     }
-    assert_eq!(set(&mut foxglove, "next.from_v", json!(0.9)), (json!(0.9), None));
-    assert_eq!(set(&mut foxglove, "next.repeat", json!(2)), (json!(2.0), None));
+    assert_eq!(set(&mut foxglove, "next.from_v", &json!(0.9)), (json!(0.9), None));
+    assert_eq!(set(&mut foxglove, "next.repeat", &json!(2)), (json!(2.0), None));
     live.command("take-control");
     live.command("start");
     live.phase("scanning");
@@ -385,15 +385,15 @@ fn the_pace_of_a_replay_is_set_from_foxglove() {
     let mut live = Live::begin(&["serve", ball.to_str().unwrap(), "--listen", "0"], Some(TOKEN));
     live.wait("a time line", |text| text["type"] == "timeline" && text["rate"] == 1.0);
     let mut foxglove = connect(live.foxglove.as_ref().unwrap(), "", "foxglove.sdk.v1");
-    assert_eq!(set(&mut foxglove, "replay.rate", json!(4.0)).0, json!(1.0), "without a right to");
-    assert_eq!(set(&mut foxglove, "control_token", json!(TOKEN)), (json!(""), None));
-    let (now, why) = set(&mut foxglove, "replay.rate", json!(0.0));
+    assert_eq!(set(&mut foxglove, "replay.rate", &json!(4.0)).0, json!(1.0), "without a right to");
+    assert_eq!(set(&mut foxglove, "control_token", &json!(TOKEN)), (json!(""), None));
+    let (now, why) = set(&mut foxglove, "replay.rate", &json!(0.0));
     assert!(now == 1.0 && why.unwrap().contains("0.01 to 100"), "{now}");
-    assert_eq!(set(&mut foxglove, "replay.rate", json!(4.0)), (json!(4.0), None));
+    assert_eq!(set(&mut foxglove, "replay.rate", &json!(4.0)), (json!(4.0), None));
     live.wait("another pace", |text| text["type"] == "timeline" && text["rate"] == 4.0);
     // What the page sets is told there, too.
     assert_eq!(live.ask(json!({"type": "replay", "do": "rate", "rate": 0.5})).0, None);
-    let (now, why) = set(&mut foxglove, "replay.rate", json!("slow"));
+    let (now, why) = set(&mut foxglove, "replay.rate", &json!("slow"));
     assert!(now == 0.5 && why.is_some(), "{now}");
 }
 
