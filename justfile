@@ -78,6 +78,10 @@ page *FLAGS:
 accept SCRIPT *ARGS: build
     {{SCRIPT}} --uwscan {{justfile_directory()}}/target/release/uwscan {{ARGS}}
 
+# What 20 viewers and a stuck one cost a scan at 200 Hz, by one without them in the same run; on an idle machine
+live-load CALIBRATION *ARGS:
+    cargo run --release --locked --features live --example live_load -- {{CALIBRATION}} {{ARGS}}
+
 # A live scan before clients that are not ours (Python: websockets, protobuf)
 live:
     scripts/live.sh

@@ -24,6 +24,8 @@ BARE = {
     "-> list:": "-> list[dict[str, typing.Any]]:",
     "-> tuple[dict, dict]:": "-> tuple[dict[str, int], dict[str, int]]:",
 }
+#: Defaults that are no literals in Rust, for arguments that take arrays, too.
+DEFAULTS = {"depth_m: numpy.typing.ArrayLike = ...": "depth_m: numpy.typing.ArrayLike = 0.0"}
 
 
 def mended(text: str) -> str:
@@ -31,7 +33,7 @@ def mended(text: str) -> str:
     for line in text.rstrip().splitlines():
         if line.lstrip().startswith("def "):
             line = QUOTED.sub(r"\1\2", line)
-            for bare, full in BARE.items():
+            for bare, full in {**BARE, **DEFAULTS}.items():
                 line = line.replace(bare, full)
         lines.append(line.rstrip())
     # After the module's docstring.

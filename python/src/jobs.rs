@@ -14,6 +14,7 @@ use std::sync::Arc;
 use uwscan::cloud::Frame;
 use uwscan::io::{Medium, Severity};
 use uwscan::pipeline::reconstruct::{Refraction, Settings, WaterIndex};
+use uwscan::pipeline::report as reporting;
 use uwscan::pipeline::{self, calibrate as calibration, reconstruct as reconstruction};
 
 /// The calibration from captures of a chessboard, in air, in water or both: one joint adjustment of the whole instrument.
@@ -26,6 +27,12 @@ use uwscan::pipeline::{self, calibrate as calibration, reconstruct as reconstruc
 ///     A rig file that replaces the captures' own.
 /// method : str, default "joint"
 ///     "joint", or "paper" for the paper's method (on land, windows neglected until reconstruction).
+/// report : str or os.PathLike, optional
+///     Write a page (.html), too: residual maps, coverage of the view, placements, correlations, rejected images, advice.
+/// made : str, optional
+///     When the page was made, as it is to say it.
+/// overwrite : bool, default False
+///     Replace the page where it exists.
 /// threads : int, optional
 ///     Threads to work on; one a processor by default. The result does not depend on it.
 /// progress : callable, optional
@@ -42,6 +49,8 @@ use uwscan::pipeline::{self, calibrate as calibration, reconstruct as reconstruc
 ///     Where the captures determine no calibration; it says what to capture.
 /// CaptureError, FileError, FormatError
 ///     Where a capture is of the wrong kind, shows no board, or a file is wrong.
+/// ExistingFileError, InputError
+///     Where the page exists, or its name is no page's: before anything is calibrated.
 /// KeyboardInterrupt
 ///     On Ctrl-C; nothing was changed.
 #[pyfunction]
@@ -50,14 +59,21 @@ use uwscan::pipeline::{self, calibrate as calibration, reconstruct as reconstruc
     *,
     rig: "str | os.PathLike[str] | None" = None,
     method: "typing.Literal['joint', 'paper']" = "joint",
+    report: "str | os.PathLike[str] | None" = None,
+    made = None,
+    overwrite = false,
     threads = None,
     progress: "collections.abc.Callable[[str, int, int], object] | typing.Literal[False] | None" = None,
 ) -> "Calibration")]
+#[allow(clippy::too_many_arguments, reason = "keywords in Python")]
 pub fn calibrate(
     py: Python<'_>,
     captures: &Bound<'_, PyAny>,
     rig: Option<PathBuf>,
     method: &str,
+    report: Option<PathBuf>,
+    made: Option<&str>,
+    overwrite: bool,
     threads: Option<usize>,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Calibration> {
@@ -78,16 +94,30 @@ pub fn calibrate(
             .map(|any| path_of("a capture", &any?))
             .collect::<PyResult<_>>()?,
     };
+    if let Some(page) = &report {
+        reporting::check(page, &[], allowed(overwrite)).or_raise(py)?;
+    }
     let settings = calibration::Settings { rig, method };
-    let made =
+    let calibrated =
         long::run(py, threads, progress, |progress| calibration::calibrate(&paths, &settings, progress))?;
-    let made = made.or_raise(py)?;
-    warn(py, &made.problems, &made.file.calibration.warnings)?;
-    let across = made.file.calibration.across;
-    let remains = (!made.remains.is_empty())
-        .then(|| residuals(py, &made.remains, across).and_then(|remains| Py::new(py, remains)))
+    let calibrated = calibrated.or_raise(py)?;
+    warn(py, &calibrated.problems, &calibrated.file.calibration.warnings)?;
+    if let Some(page) = &report {
+        let write = || {
+            reporting::write_calibration_report(
+                &calibrated,
+                made.map(str::to_owned),
+                page,
+                allowed(overwrite),
+            )
+        };
+        py.detach(write).or_raise(py)?;
+    }
+    let across = calibrated.file.calibration.across;
+    let remains = (!calibrated.remains.is_empty())
+        .then(|| residuals(py, &calibrated.remains, across).and_then(|remains| Py::new(py, remains)))
         .transpose()?;
-    Ok(Calibration { file: Arc::new(made.file), remains })
+    Ok(Calibration { file: Arc::new(calibrated.file), remains })
 }
 
 /// How to reconstruct, from keywords.

@@ -8,6 +8,7 @@
 //! | `stripe`, `noise`, `capture`, `calibration`, `residuals`, `cloud`, `mesh`, `fits`, `shapes`, `model` | one class or family each |
 //! | `shared` | the calibration's part of a measurement's uncertainty |
 //! | `care`, `align` | outliers, normals, thinning; comparing and merging |
+//! | `lens` | a camera alone, from photographs |
 //! | `jobs`, `reports`, `batch` | calibrate, reconstruct, simulate; pages; one recording of an archive |
 //!
 //! Docstrings are these doc comments, in NumPy's style; signatures say their types to what makes stubs of them (feature `stubs`).
@@ -24,6 +25,7 @@ mod convert;
 mod errors;
 mod fits;
 mod jobs;
+mod lens;
 mod long;
 mod mesh;
 mod model;
@@ -55,6 +57,8 @@ mod _uwscan {
     };
     #[pymodule_export]
     use crate::jobs::{calibrate, reconstruct, simulate};
+    #[pymodule_export]
+    use crate::lens::{CameraFit, calibrate_camera};
     #[pymodule_export]
     use crate::mesh::{Mesh, triangulate_surface};
     #[pymodule_export]

@@ -18,9 +18,16 @@ def _at_the_root(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="session")
-def calibration(tmp_path_factory: pytest.TempPathFactory) -> uwscan.Calibration:
+def calibration_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the calibration's report is, once it is made."""
+    return tmp_path_factory.mktemp("page") / "calibration.html"
+
+
+@pytest.fixture(scope="session")
+def calibration(calibration_page: Path) -> uwscan.Calibration:
     cached = os.environ.get("UWSCAN_CALIBRATION")
-    return uwscan.Calibration.load(cached) if cached else uwscan.calibrate([FIXTURES / "cal-air", FIXTURES / "cal-water"])
+    captures = [FIXTURES / "cal-air", FIXTURES / "cal-water"]
+    return uwscan.Calibration.load(cached) if cached else uwscan.calibrate(captures, report=calibration_page, made="one fine day")
 
 
 @pytest.fixture(scope="session")

@@ -13,6 +13,10 @@ from hypothesis.extra import numpy as hnp
 import uwscan
 
 
+#: Half a step of coordinates in LAS files, mm, and a rounding.
+LAS_HALF_STEP_MM = 5.1e-4
+
+
 def cap(n: int = 900, radius: float = 20.0, scatter: float = 0.0, seed: int = 1) -> np.ndarray:
     """The near part of a ball 700 mm away, mm."""
     i = np.arange(n)
@@ -43,6 +47,22 @@ def test_a_cloud_keeps_what_it_is_given(tmp_path):
         cloud.save(tmp_path / "cloud.pcx")
     low, high = cloud.bounding_box_mm
     assert low == list(points.min(axis=0)) and high == list(points.max(axis=0))
+
+
+@pytest.mark.parametrize("name", ["cloud.las", "cloud.laz"])
+def test_las_is_there_where_it_was_built_with_or_it_is_said_how(tmp_path, name):
+    cloud = uwscan.Cloud(cap(50), intensity=np.arange(50))
+    try:
+        cloud.save(tmp_path / name)
+    except uwscan.FormatError as error:
+        assert "built with the feature las" in str(error) and not (tmp_path / name).exists()
+        with pytest.raises(uwscan.FormatError, match="built with the feature las"):
+            uwscan.Cloud.load(tmp_path / name)
+        return
+    again = uwscan.Cloud.load(tmp_path / name)
+    # Whole steps of what the format is written with.
+    np.testing.assert_allclose(again.points_mm, cap(50), atol=LAS_HALF_STEP_MM)
+    assert again.intensity.shape == (50,)
 
 
 def test_lent_arrays_outlive_their_cloud_and_are_read_only():

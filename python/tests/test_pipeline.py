@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import signal
@@ -61,6 +62,21 @@ def test_calibration_has_the_promised_figures(calibration, calibration_file):
     again = uwscan.Calibration.load(calibration_file)
     np.testing.assert_array_equal(again.camera_matrix, calibration.camera_matrix)
     np.testing.assert_array_equal(again.covariance, calibration.covariance)
+
+
+def test_calibration_leaves_a_report(calibration, calibration_page, tmp_path):
+    if not calibration_page.exists():
+        pytest.skip("UWSCAN_CALIBRATION names a calibration that was made before")
+    page = calibration_page.read_text()
+    assert "one fine day" in page and "<svg" in page
+    assert json.loads(calibration_page.with_suffix(".json").read_text())["reprojection_rms_px"] > 0
+    # What stands in the way is told before any work is done: there are no such captures.
+    with pytest.raises(uwscan.ExistingFileError):
+        uwscan.calibrate("nowhere", report=calibration_page)
+    with pytest.raises(uwscan.MissingFileError):
+        uwscan.calibrate("nowhere", report=calibration_page, overwrite=True)
+    with pytest.raises(uwscan.InputError, match="html"):
+        uwscan.calibrate("nowhere", report=tmp_path / "page.pdf")
 
 
 def test_reconstruct_gives_the_balls_radius(cloud, calibration, tmp_path):
@@ -255,6 +271,9 @@ def test_what_is_no_capture_is_refused(capture, calibration):
 
 
 def test_water_index_broadcasts():
+    assert uwscan.water_index(20.0, 35.0, 532.0) == uwscan.water_index(20.0, 35.0, 532.0, 0.0) < uwscan.water_index(20.0, 35.0, 532.0, 100)
+    with pytest.raises(uwscan.UwscanError):
+        uwscan.water_index(20.0, 35.0, 532.0, None)
     assert abs(uwscan.water_index(20.0, 35.0, 532.0) - 1.341510) < 1e-6
     grid = uwscan.water_index(np.array([[4.0], [20.0]]), [0.0, 35.0], 532.0, depth_m=10)
     assert grid.shape == (2, 2) and abs(grid[1, 1] - 1.341510 - 1.48e-5) < 1e-6

@@ -16,7 +16,7 @@ import uwscan
 PROMISED = {
     "extract_stripe": (["image"], dict(axis="rows", method="robust", noise=None, sigma_px=None, threshold=None, roi=None)),
     "open_capture": (["path"], {}),
-    "calibrate": (["captures"], dict(rig=None, method="joint")),
+    "calibrate": (["captures"], dict(rig=None, method="joint", report=None)),
     "reconstruct": (["capture", "calibration"], dict(refraction="exact", frame="camera", threads=None, progress=None)),
     "fit_sphere": (["points"], dict(covariance_mm2=None, sigma_mm=None, radius_mm=None, calibration=None)),
     "fit_plane": (["points"], dict(covariance_mm2=None, sigma_mm=None, calibration=None)),
@@ -34,6 +34,8 @@ def test_functions_take_what_was_promised(name):
     positional, keywords = PROMISED[name]
     parameters = inspect.signature(getattr(uwscan, name)).parameters
     assert [p for p, v in parameters.items() if v.kind is not v.KEYWORD_ONLY] == positional
+    if name == "water_index":
+        assert parameters["depth_m"].default == 0.0
     for keyword, default in keywords.items():
         assert parameters[keyword].kind is inspect.Parameter.KEYWORD_ONLY
         assert parameters[keyword].default == default, keyword

@@ -15,7 +15,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Final, SupportsFloat, SupportsIndex, final
 
-__all__ = ["__version__", "Calibration", "Camera", "Capture", "CircleFit", "Cloud", "Comparison", "CylinderFit", "Fan", "Frame", "Frames", "Galvo", "Merged", "Mesh", "NoiseModel", "PlaneFit", "Port", "ResidualTable", "Residuals", "Scanner", "Shapes", "SphereFit", "Stripe", "average", "batch_fail", "batch_jobs", "batch_one", "batch_table", "calibrate", "compare", "estimate_normals", "extract_stripe", "find_outliers", "find_shapes", "fit_circle", "fit_cylinder", "fit_plane", "fit_sphere", "merge", "open_capture", "reconstruct", "report", "simulate", "stripe_codes", "thin", "triangulate_surface", "water_index"]
+__all__ = ["__version__", "Calibration", "Camera", "CameraFit", "Capture", "CircleFit", "Cloud", "Comparison", "CylinderFit", "Fan", "Frame", "Frames", "Galvo", "Merged", "Mesh", "NoiseModel", "PlaneFit", "Port", "ResidualTable", "Residuals", "Scanner", "Shapes", "SphereFit", "Stripe", "average", "batch_fail", "batch_jobs", "batch_one", "batch_table", "calibrate", "calibrate_camera", "compare", "estimate_normals", "extract_stripe", "find_outliers", "find_shapes", "fit_circle", "fit_cylinder", "fit_plane", "fit_sphere", "merge", "open_capture", "reconstruct", "report", "simulate", "stripe_codes", "thin", "triangulate_surface", "water_index"]
 
 __version__: Final[str]
 
@@ -205,6 +205,74 @@ class Camera:
         -------
         numpy.ndarray
             (u, v), (n, 2) float64, px; NaN for what is not in front of the camera.
+        """
+
+@final
+class CameraFit:
+    """
+    A camera in air from photographs of a chessboard, and how well they determine it.
+
+    Made by ``uwscan.calibrate_camera``.
+    """
+    def __repr__(self, /) -> str: ...
+    @property
+    def camera(self, /) -> Camera:
+        """
+        The camera, for the exact model: ``project``, ``back_project``.
+        """
+    @property
+    def camera_matrix(self, /) -> NDArray[float64]:
+        """
+        K, (3, 3) float64, px.
+        """
+    def corners(self, /, image: SupportsIndex) -> NDArray[float64]:
+        """
+        Corners of one of ``files``: (n, 4) float64, (u, v) as seen and (u, v) as predicted, px.
+
+        Raises
+        ------
+        IndexError
+            Where there is no such image.
+        """
+    @property
+    def covariance(self, /) -> NDArray[float64]:
+        """
+        Covariance of the camera's figures in the order of ``sigmas``, (9, 9) float64.
+        """
+    @property
+    def distortion(self, /) -> NDArray[float64]:
+        """
+        (k1, k2, p1, p2, k3), (5,) float64, as OpenCV has them.
+        """
+    @property
+    def files(self, /) -> list[str]:
+        """
+        The images that show the board.
+        """
+    @property
+    def image_rms_px(self, /) -> NDArray[float64]:
+        """
+        The same of each image of ``files``.
+        """
+    @property
+    def image_size(self, /) -> tuple[int, int]:
+        """
+        Width and height of the images, px.
+        """
+    @property
+    def rejected(self, /) -> list[tuple[str, str]]:
+        """
+        Images that were left out, and why.
+        """
+    @property
+    def rms_px(self, /) -> float:
+        """
+        Root mean square distance between corners seen and predicted, px, outliers left out.
+        """
+    @property
+    def sigmas(self, /) -> dict[str, typing.Any]:
+        """
+        Standard deviations by name: fx, fy, cx, cy (px), k1, k2, p1, p2, k3.
         """
 
 @final
@@ -1708,7 +1776,7 @@ def batch_table(jobs: collections.abc.Sequence[tuple[str, str | os.PathLike[str]
     Writes the table of the recordings' results (CSV), from the files beside their clouds; where it is.
     """
 
-def calibrate(captures: Capture | str | os.PathLike[str] | collections.abc.Sequence[Capture | str | os.PathLike[str]], *, rig: str | os.PathLike[str] | None = None, method: typing.Literal['joint', 'paper'] = "joint", threads: SupportsIndex | None = None, progress: collections.abc.Callable[[str, int, int], object] | typing.Literal[False] | None = None) -> Calibration:
+def calibrate(captures: Capture | str | os.PathLike[str] | collections.abc.Sequence[Capture | str | os.PathLike[str]], *, rig: str | os.PathLike[str] | None = None, method: typing.Literal['joint', 'paper'] = "joint", report: str | os.PathLike[str] | None = None, made: str | None = None, overwrite: bool = False, threads: SupportsIndex | None = None, progress: collections.abc.Callable[[str, int, int], object] | typing.Literal[False] | None = None) -> Calibration:
     """
     The calibration from captures of a chessboard, in air, in water or both: one joint adjustment of the whole instrument.
 
@@ -1720,6 +1788,12 @@ def calibrate(captures: Capture | str | os.PathLike[str] | collections.abc.Seque
         A rig file that replaces the captures' own.
     method : str, default "joint"
         "joint", or "paper" for the paper's method (on land, windows neglected until reconstruction).
+    report : str or os.PathLike, optional
+        Write a page (.html), too: residual maps, coverage of the view, placements, correlations, rejected images, advice.
+    made : str, optional
+        When the page was made, as it is to say it.
+    overwrite : bool, default False
+        Replace the page where it exists.
     threads : int, optional
         Threads to work on; one a processor by default. The result does not depend on it.
     progress : callable, optional
@@ -1736,8 +1810,47 @@ def calibrate(captures: Capture | str | os.PathLike[str] | collections.abc.Seque
         Where the captures determine no calibration; it says what to capture.
     CaptureError, FileError, FormatError
         Where a capture is of the wrong kind, shows no board, or a file is wrong.
+    ExistingFileError, InputError
+        Where the page exists, or its name is no page's: before anything is calibrated.
     KeyboardInterrupt
         On Ctrl-C; nothing was changed.
+    """
+
+def calibrate_camera(capture: Capture | str | os.PathLike[str], *, equal_focal: bool = False, k3: bool = True, threads: SupportsIndex | None = None, progress: collections.abc.Callable[[str, int, int], object] | typing.Literal[False] | None = None) -> CameraFit:
+    """
+    A camera alone, from photographs of a chessboard on land: a pinhole with Brown-Conrady distortion, as OpenCV's ``calibrateCamera`` has it. For a
+    camera without a window, or to compare with other programs; the whole instrument, under water too, is ``uwscan.calibrate``'s.
+
+    Parameters
+    ----------
+    capture : Capture or path
+        A capture of kind "calibration", in air; its images without the laser are looked at. It needs no rig.toml.
+    equal_focal : bool, default False
+        The pixels are square: fx = fy.
+    k3 : bool, default True
+        Whether k3 is estimated; else it is 0.
+    threads : int, optional
+        Threads to work on; one a processor by default. The result does not depend on it.
+    progress : callable, optional
+        As ``uwscan.calibrate`` has it.
+
+    Returns
+    -------
+    CameraFit
+
+    Raises
+    ------
+    CalibrationError
+        Where the images determine no camera; it says what is missing.
+    CaptureError, FileError, FormatError
+        Where the capture is no calibration's in air, shows no board, or a file is wrong.
+
+    Examples
+    --------
+    >>> import uwscan
+    >>> fit = uwscan.calibrate_camera("fixtures/photographs", equal_focal=True)
+    >>> len(fit.files), bool(abs(fit.camera_matrix[0, 0] - 533.5) < 2.0)
+    (13, True)
     """
 
 def compare(points: Cloud | Mesh | numpy.typing.ArrayLike, reference: Mesh | str | os.PathLike[str], *, align: bool = True, near_mm: SupportsFloat | SupportsIndex | None = None, least_overlap: SupportsFloat | SupportsIndex = 0.2) -> Comparison:
@@ -2306,7 +2419,7 @@ def triangulate_surface(cloud: Cloud | numpy.typing.ArrayLike, *, sensor_mm: num
     16.0
     """
 
-def water_index(temperature_c: numpy.typing.ArrayLike, salinity_psu: numpy.typing.ArrayLike, wavelength_nm: numpy.typing.ArrayLike, depth_m: numpy.typing.ArrayLike | None = None) -> typing.Any:
+def water_index(temperature_c: numpy.typing.ArrayLike, salinity_psu: numpy.typing.ArrayLike, wavelength_nm: numpy.typing.ArrayLike, depth_m: numpy.typing.ArrayLike = 0.0) -> typing.Any:
     """
     Index of refraction of water relative to air: Quan and Fry (Appl. Opt. 34 (1995) 3477), with a term linear in depth.
 
@@ -2318,8 +2431,8 @@ def water_index(temperature_c: numpy.typing.ArrayLike, salinity_psu: numpy.typin
         Practical salinity (0 to 35).
     wavelength_nm : array_like
         Wavelength in air, nm (400 to 700).
-    depth_m : array_like, optional
-        Depth below the surface, m; 0 by default.
+    depth_m : array_like, default 0.0
+        Depth below the surface, m.
 
     Returns
     -------

@@ -16,6 +16,13 @@ impl Reading {
         Self { expect: Some(Expect::of(&rig.camera, said_by)), wavelength_nm: rig.laser.wavelength_nm }
     }
 
+    /// As an image that is like the others, where nothing else says what they are; not for stripes.
+    pub(crate) fn like(image: &GrayImage) -> Self {
+        let bits = (image.full_scale.checked_ilog2().unwrap_or(0) + 1) as u8;
+        let expect = Expect { size: [image.width, image.height], bits, said_by: SaidBy::Others };
+        Self { expect: Some(expect), wavelength_nm: 0.0 }
+    }
+
     /// The image of a frame as a stripe shows best in it.
     pub(crate) fn stripe(&self, capture: &Capture, frame: &FrameRecord) -> Result<GrayImage, uw_io::Error> {
         capture.image(frame, Reduce::Wavelength(self.wavelength_nm), self.expect)

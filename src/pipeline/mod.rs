@@ -6,6 +6,7 @@
 //! | boards | `boards` | laser-off images | corners | whether the declared board was seen | rejected image with a reason; [`crate::Error::BoardNotSeen`] |
 //! | stripes | `stripes` | laser-on images | centre, sigma | rows or columns, rejects by reason | a rejected measurement is counted |
 //! | calibrate | `calibrate` | captures, rig | [`uw_calib::Calibration`] | which measurements take part | [`uw_calib::CalibError`] says what to capture |
+//! | camera | [`camera`] | photographs of a board | a pinhole camera | – | [`uw_calib::CalibError`] says what is missing |
 //! | sweep | `sweep` | centres of all images | centres | what the sheet's thickness moves, what it spoils | a rejected measurement is counted |
 //! | points | `points` | centres, calibration | points with covariance | refraction model | points without an intersection are counted |
 //! | record | `record` | instrument, plan | recording, points on the fly | what is waited for and what is lost, where more voltages are wanted | counted losses; [`record::Scanned`] says why it ended early |
@@ -23,6 +24,7 @@
 pub mod batch;
 mod boards;
 pub mod calibrate;
+pub mod camera;
 pub mod capture;
 pub mod demo;
 pub mod doctor;

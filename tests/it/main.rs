@@ -2,6 +2,7 @@
 
 mod house;
 mod layers;
+mod photographs;
 mod real_scan;
 mod scan;
 mod shared_errors;

@@ -7,7 +7,7 @@ use std::{
 
 use anyhow::Context;
 use uwscan::{
-    live::{Access, Feed, Options, Server, Token},
+    live::{Access, Feed, Options, Scheme, Server, Tls, Token},
     pipeline::live::Requests,
 };
 
@@ -26,6 +26,12 @@ pub struct Listening {
     /// File with the token that lets a client steer, too [default: UWSCAN_CONTROL_TOKEN, else one made at random, which is printed]
     #[arg(long, value_name = "FILE")]
     control_token_file: Option<PathBuf>,
+    /// Encrypt the page and its socket (https) with this certificate, a PEM file
+    #[arg(long, value_name = "FILE", requires = "tls_key")]
+    tls_cert: Option<PathBuf>,
+    /// The certificate's private key, a PEM file
+    #[arg(long, value_name = "FILE", requires = "tls_cert")]
+    tls_key: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,37 +64,45 @@ fn stream(text: &str) -> Result<Stream, String> {
 impl Listening {
     /// Whether any of them is given.
     pub fn is_given(&self) -> bool {
-        self.foxglove.is_some() || self.view_token_file.is_some() || self.control_token_file.is_some()
+        let files = [&self.view_token_file, &self.control_token_file, &self.tls_cert, &self.tls_key];
+        self.foxglove.is_some() || files.into_iter().any(Option::is_some)
     }
 
     /// Listens at an address.
     ///
     /// # Errors
-    /// It can't be had, or a token can't be read or is too weak.
+    /// It can't be had, a token can't be read or is too weak, or a certificate can't be used.
     pub fn start(&self, listen: SocketAddr, console: &Console) -> anyhow::Result<Live> {
+        let tls = match (&self.tls_cert, &self.tls_key) {
+            (Some(certificate), Some(key)) => Some(Tls::read(certificate, key)?),
+            _ => None,
+        };
+        let scheme = if tls.is_some() { Scheme::Https } else { Scheme::Http };
         let access = self.access(listen, console)?;
         let next = SocketAddr::new(
             IpAddr::V4(Ipv4Addr::LOCALHOST),
             if listen.port() == 0 { 0 } else { listen.port().saturating_add(1) },
         );
+        let start =
+            |foxglove| Server::start(Options { listen, access: access.clone(), tls: tls.clone(), foxglove });
         let started = match self.foxglove {
-            Some(Stream::Off) => Server::start(Options { listen, access, foxglove: None }),
-            Some(Stream::At(at)) => Server::start(Options { listen, access, foxglove: Some(at) }),
+            Some(Stream::Off) => start(None),
+            Some(Stream::At(at)) => start(Some(at)),
             None => {
-                match Server::start(Options { listen, access: access.clone(), foxglove: Some(next) }) {
+                match start(Some(next)) {
                     // Nobody asked for it at that port.
                     Err(error @ uwscan::live::Error::Foxglove { .. }) => {
                         console.warn(format_args!("no stream for Foxglove: {error} (--foxglove ADDR)"));
-                        Server::start(Options { listen, access, foxglove: None })
+                        start(None)
                     }
                     started => started,
                 }
             }
         };
         let (server, feed, asked) = started?;
-        console.line(format_args!("live: http://{}/", server.listening()));
+        console.line(format_args!("live: {}://{}/", scheme.name(), server.listening()));
         if let Some(at) = server.foxglove() {
-            console.line(format_args!("live: ws://{at} for Foxglove, on this machine alone: to look only"));
+            console.line(format_args!("live: ws://{at} for Foxglove, on this machine alone"));
         }
         Ok(Live { server, feed, asked })
     }

@@ -38,7 +38,7 @@ pub fn stop_on_signals(handle: Handle) -> io::Result<()> {
     Ok(())
 }
 
-/// How often a scan that is to end is told so again: it may only just begin.
+/// How often it is looked for signals, and for a scan that is to end and only just begins.
 const AGAIN: Duration = Duration::from_millis(50);
 
 /// Ends what is scanned at the first signal, and raises the flag; leaves at the second.
@@ -51,6 +51,7 @@ pub fn end_on_signals(steering: Steering) -> io::Result<Arc<AtomicBool>> {
     let flag = ending.clone();
     std::thread::Builder::new().name("uwscan-signals".to_owned()).spawn(move || {
         let mut first = None;
+        let mut ended = false;
         loop {
             for signal in signals.pending() {
                 if first.is_some() {
@@ -60,8 +61,9 @@ pub fn end_on_signals(steering: Steering) -> io::Result<Arc<AtomicBool>> {
                 first = Some(signal);
                 flag.store(true, Ordering::Release);
             }
-            if let Some(signal) = first {
-                steering.stop_for(Reason::Signal(signal));
+            // Once: whoever scans next sees the flag before.
+            if let Some(signal) = first.filter(|_| !ended) {
+                ended = steering.stop_for(Reason::Signal(signal));
             }
             std::thread::sleep(AGAIN);
         }

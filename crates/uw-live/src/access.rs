@@ -101,18 +101,44 @@ impl Access {
     }
 }
 
+/// How a browser's address of the server begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scheme {
+    /// Not encrypted.
+    Http,
+    /// Encrypted.
+    Https,
+}
+
+impl Scheme {
+    /// As addresses have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Http => "http",
+            Self::Https => "https",
+        }
+    }
+}
+
 /// Whether a request may come from the page that it says it comes from, by the name that it called the server.
 ///
-/// A browser sends `Origin` with every WebSocket: it has to be the page of this very server. And a server without tokens answers only to
+/// A browser sends `Origin` with every WebSocket: it has to be the page of this very server, encrypted where that is: whoever sits on the way could make
+/// another one up. And a server without tokens answers only to
 /// its numbers and to `localhost`: to any other name a foreign page may have pointed the browser (DNS rebinding).
-pub fn same_site(host: Option<&str>, origin: Option<&str>, listening: SocketAddr, access: &Access) -> bool {
+pub fn same_site(
+    host: Option<&str>,
+    origin: Option<&str>,
+    scheme: Scheme,
+    listening: SocketAddr,
+    access: &Access,
+) -> bool {
     let Some(host) = host else { return false };
     if matches!(access, Access::Local) && !is_local_name(host, listening.ip()) {
         return false;
     }
     let Some(origin) = origin else { return true };
-    let origin = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
-    origin.is_some_and(|origin| origin.eq_ignore_ascii_case(host))
+    let called = origin.split_once("://").filter(|(by, _)| by.eq_ignore_ascii_case(scheme.name()));
+    called.is_some_and(|(_, name)| name.eq_ignore_ascii_case(host))
 }
 
 fn is_local_name(host: &str, listening: IpAddr) -> bool {
@@ -154,7 +180,7 @@ mod tests {
     #[test]
     fn a_foreign_page_is_not_let_in() {
         let at = "127.0.0.1:8080".parse().unwrap();
-        let local = |host, origin| same_site(host, origin, at, &Access::Local);
+        let local = |host, origin| same_site(host, origin, Scheme::Http, at, &Access::Local);
         assert!(local(Some("127.0.0.1:8080"), None));
         assert!(local(Some("localhost:8080"), Some("http://localhost:8080")));
         assert!(local(Some("[::1]:8080"), Some("http://[::1]:8080")));
@@ -166,8 +192,18 @@ mod tests {
         assert!(!local(Some("evil.example:8080"), Some("http://evil.example:8080")));
         assert!(!local(Some("localhost.evil.example"), None));
         let access = Access::Tokens { view: Token::random(), control: Token::random() };
-        let far = |host, origin| same_site(Some(host), Some(origin), "10.0.0.2:80".parse().unwrap(), &access);
+        let far = |host, origin| {
+            same_site(Some(host), Some(origin), Scheme::Http, "10.0.0.2:80".parse().unwrap(), &access)
+        };
         assert!(far("auv.local:80", "http://auv.local:80"));
         assert!(!far("auv.local:80", "http://evil.example"));
+        // A page that came unencrypted is not this server's, whatever it says.
+        let at = "10.0.0.2:443".parse().unwrap();
+        let encrypted = |origin| same_site(Some("auv.local"), Some(origin), Scheme::Https, at, &access);
+        assert!(encrypted("https://auv.local"));
+        assert!(
+            !encrypted("http://auv.local") && !encrypted("https://evil.example") && !encrypted("auv.local")
+        );
+        assert!(!far("auv.local:80", "https://auv.local:80"));
     }
 }

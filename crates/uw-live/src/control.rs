@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use serde::Deserialize;
-use tokio::sync::Notify;
+use tokio::sync::{Notify, oneshot};
 
 /// What a scan can be asked for.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,6 +21,13 @@ pub enum Action {
     LaserOff,
     /// Something of a replay.
     Replay(Replay),
+    /// Another value of a setting ([`crate::Feed::settings`]).
+    Set {
+        /// Its name.
+        name: String,
+        /// Finite.
+        value: f64,
+    },
 }
 
 impl Action {
@@ -38,6 +45,7 @@ impl Action {
             Self::Stop => "stop",
             Self::LaserOff => "laser off",
             Self::Replay(_) => "replay",
+            Self::Set { .. } => "another setting",
         }
     }
 }
@@ -57,6 +65,13 @@ pub enum Replay {
     Rate(f64),
 }
 
+impl Replay {
+    /// [`Replay::Rate`]; `None` where that is out of range.
+    pub fn rate(rate: f64) -> Option<Self> {
+        (0.01..=100.0).contains(&rate).then_some(Self::Rate(rate))
+    }
+}
+
 /// A request and who made it. Dropped without an answer, it is refused.
 #[derive(Debug)]
 pub struct Asked {
@@ -69,7 +84,13 @@ pub struct Asked {
 
 impl Asked {
     pub(crate) fn new(action: Action, who: String, outbox: Arc<Outbox>, id: u64) -> Self {
-        Self { action, who, answer: Answer { to: Some((outbox, id)) } }
+        Self { action, who, answer: Answer { to: Some(To::Client(outbox, id)) } }
+    }
+
+    /// With an answer that somebody waits for: why it is not done.
+    pub(crate) fn awaited(action: Action, who: String) -> (Self, oneshot::Receiver<Option<String>>) {
+        let (to, answer) = oneshot::channel();
+        (Self { action, who, answer: Answer { to: Some(To::Waiting(to)) } }, answer)
     }
 
     /// It is done.
@@ -85,13 +106,23 @@ impl Asked {
 
 #[derive(Debug)]
 struct Answer {
-    to: Option<(Arc<Outbox>, u64)>,
+    to: Option<To>,
+}
+
+/// To whom an answer goes.
+#[derive(Debug)]
+enum To {
+    Client(Arc<Outbox>, u64),
+    Waiting(oneshot::Sender<Option<String>>),
 }
 
 impl Answer {
     fn give(&mut self, error: Option<&str>) {
-        if let Some((outbox, id)) = self.to.take() {
-            outbox.answer(id, error);
+        match self.to.take() {
+            Some(To::Client(outbox, id)) => outbox.answer(id, error),
+            // Who waited may be gone.
+            Some(To::Waiting(to)) => drop(to.send(error.map(str::to_owned))),
+            None => {}
         }
     }
 }

@@ -1,6 +1,9 @@
 //! Why nobody can watch.
 
 use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use crate::tls::TlsFault;
 
 /// The server can't be had.
 #[derive(Debug, thiserror::Error)]
@@ -24,6 +27,14 @@ pub enum Error {
         address: SocketAddr,
         /// What the library said.
         reason: String,
+    },
+    /// A certificate or its key can't be used.
+    #[error("{} {fault}", file.display())]
+    Tls {
+        /// The file that is at fault.
+        file: PathBuf,
+        /// What is wrong with it.
+        fault: TlsFault,
     },
     /// A token that can be guessed.
     #[error(

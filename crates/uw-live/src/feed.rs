@@ -242,6 +242,7 @@ impl<T> Versioned<T> {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Board {
     pub about: Versioned<Arc<About>>,
+    pub settings: Versioned<Arc<Vec<(String, f64)>>>,
     pub state: Versioned<Arc<State>>,
     /// Changes where the state is to be told at once.
     pub urgent: u64,
@@ -349,6 +350,12 @@ impl Feed {
     /// What stays as it is from now on.
     pub fn about(&self, about: About) {
         self.shared.held().board.about.set(Arc::new(about));
+        self.shared.wake();
+    }
+
+    /// What Foxglove's tools may ask to be set ([`crate::Action::Set`]), and read: names and values as they are from now on.
+    pub fn settings(&self, settings: Vec<(String, f64)>) {
+        self.shared.held().board.settings.set(Arc::new(settings));
         self.shared.wake();
     }
 

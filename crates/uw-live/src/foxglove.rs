@@ -1,22 +1,27 @@
 //! The stream for Foxglove, Lichtblick and the Python SDK: a recording's topics, as they come.
 //!
-//! Its clients show no token, and their pages are others' (app.foxglove.dev): it is for this machine, and nothing can be set through it.
+//! Its clients show no token when they connect, and their pages are others' (app.foxglove.dev): it is for this machine. Parameters are set by who has
+//! shown the token to steer as a parameter of its own; where no token is asked for, by nobody: any page that this machine's browser shows could.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use foxglove::websocket::{
-    AnyClient, GetParametersResponder, Parameter, ParameterHandler, SetParametersResponder,
+    AnyClient, GetParametersResponder, Parameter, ParameterHandler, ParameterValue, SetParametersResponder,
 };
 use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema, WebSocketServerHandle};
 use uw_io::recording::stream::{self, Health};
 use uw_io::recording::{self, GalvoState, Shot, topics};
 
 use crate::Error;
+use crate::access::{Access, Rights};
+use crate::control::{Action, Asked};
 use crate::feed::{Board, Laser, Level, Phase, Shared, Stripe, now_ns};
 use crate::picture::Jpegs;
+use crate::server::Site;
+use crate::session::WRONG_TOKEN;
 
 /// Messages that wait for one client: a second or two of images.
 const BACKLOG: usize = 64;
@@ -27,24 +32,23 @@ const AGAIN: Duration = Duration::from_secs(1);
 /// How often news are looked for.
 const LOOK_EVERY: Duration = Duration::from_millis(10);
 
+/// The parameter that shows the right to set the others. It is never told.
+const TOKEN: &str = "control_token";
+
 /// A server that listens; [`Stream::publish`] fills it.
 pub(crate) struct Stream {
     pub listening: SocketAddr,
     shared: Arc<Shared>,
     jpegs: Arc<Jpegs>,
     channels: BTreeMap<&'static str, Arc<RawChannel>>,
-    parameters: Arc<Parameters>,
+    parameters: Parameters,
     server: WebSocketServerHandle,
     /// Channels and server know it by weak references alone.
     _context: Arc<Context>,
 }
 
 /// Listens.
-pub(crate) async fn start(
-    address: SocketAddr,
-    shared: Arc<Shared>,
-    jpegs: Arc<Jpegs>,
-) -> Result<Stream, Error> {
+pub(crate) async fn start(address: SocketAddr, site: Arc<Site>) -> Result<Stream, Error> {
     let failed = |error: foxglove::FoxgloveError| Error::Foxglove { address, reason: error.to_string() };
     let context = Context::new();
     let mut channels = BTreeMap::new();
@@ -58,13 +62,14 @@ pub(crate) async fn start(
             .map_err(failed)?;
         channels.insert(topic.name, channel);
     }
-    let parameters = Arc::new(Parameters::default());
+    let (shared, jpegs) = (site.shared.clone(), site.jpegs.clone());
+    let parameters = Parameters(Arc::new(Settings { site, may_set: Mutex::default() }));
     let server = context
         .websocket_server()
         .name("uwscan")
         .bind(address.ip().to_string(), address.port())
         .message_backlog_size(BACKLOG)
-        .parameter_handler(parameters.clone())
+        .parameter_handler(Arc::new(parameters.clone()))
         .start()
         .await
         .map_err(failed)?;
@@ -79,7 +84,8 @@ struct Sent {
     stripes: u64,
     notes: u64,
     state: u64,
-    about: Option<u64>,
+    /// What stays as it is during a scan, and what can be set.
+    about: Option<[u64; 2]>,
     image_at: Option<Instant>,
     state_at: Option<Instant>,
     calibration_at: Option<Instant>,
@@ -107,11 +113,11 @@ impl Stream {
 
     async fn round(&self, sent: &mut Sent) {
         let board = self.shared.board();
-        if sent.about != Some(board.about.version) {
-            sent.about = Some(board.about.version);
+        let versions = [board.about.version, board.settings.version];
+        if sent.about != Some(versions) {
+            sent.about = Some(versions);
             sent.calibration_at = None;
-            self.parameters.set_all(&board.about.value.parameters);
-            self.server.publish_parameter_values(self.parameters.named(&[]));
+            self.server.publish_parameter_values(self.parameters.0.named(&[]));
         }
         if let Some(file) = &board.about.value.calibration
             && due(sent.calibration_at, AGAIN)
@@ -224,31 +230,109 @@ impl Stream {
     }
 }
 
-/// What can be read, and nothing set: whoever reaches this port has shown no right to.
-#[derive(Default)]
-struct Parameters(Mutex<Vec<(String, f64)>>);
+/// What can be read, and set by who may.
+struct Settings {
+    site: Arc<Site>,
+    /// Clients that have shown the token to steer. Their numbers are never given again.
+    may_set: Mutex<BTreeSet<u32>>,
+}
 
-impl Parameters {
-    fn set_all(&self, values: &[(String, f64)]) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = values.to_vec();
-    }
-
+impl Settings {
     /// Those of these names, or all.
     fn named(&self, names: &[String]) -> Vec<Parameter> {
-        let values = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let wanted = values.iter().filter(|(name, _)| names.is_empty() || names.contains(name));
-        wanted.map(|(name, value)| Parameter::float64(name.clone(), *value)).collect()
+        let board = self.site.shared.board();
+        let all = board.about.value.parameters.iter().chain(board.settings.value.iter());
+        let values = all.map(|(name, value)| Parameter::float64(name.clone(), *value));
+        let token = matches!(self.site.access, Access::Tokens { .. }).then(|| Parameter::string(TOKEN, ""));
+        values.chain(token).filter(|one| names.is_empty() || names.contains(&one.name)).collect()
+    }
+
+    fn may_set(&self) -> MutexGuard<'_, BTreeSet<u32>> {
+        self.may_set.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Does what a client asks for; why not, where it does not.
+    async fn set(&self, client: u32, asked: Parameter) -> Result<(), String> {
+        let Parameter { name, value, .. } = asked;
+        if name == TOKEN {
+            return self.shown(client, value).await;
+        }
+        if !self.site.shared.board().settings.value.iter().any(|(known, _)| *known == name) {
+            return Err("there is no such parameter to set".to_owned());
+        }
+        if matches!(self.site.access, Access::Local) {
+            return Err("without a token to steer nothing is set from here: start with --control-token-file"
+                .to_owned());
+        }
+        if !self.may_set().contains(&client) {
+            return Err(format!("set {TOKEN} to the token to steer first"));
+        }
+        if let (Some(holder), _) = self.site.seat.holder(u64::MAX) {
+            return Err(format!("{holder} steers: only one can"));
+        }
+        let value = match value {
+            Some(ParameterValue::Float64(value)) => value,
+            Some(ParameterValue::Integer(value)) => value as f64,
+            _ => f64::NAN,
+        };
+        if !value.is_finite() {
+            return Err("give a number".to_owned());
+        }
+        let (asked, answer) =
+            Asked::awaited(Action::Set { name, value }, format!("Foxglove client {client}"));
+        if let Err(error) = self.site.asked.try_send(asked) {
+            // Its answer says so.
+            error.into_inner().refuse("too many requests wait already, or the scan has ended");
+        }
+        answer.await.unwrap_or_default().map_or(Ok(()), Err)
+    }
+
+    /// Looks at a token.
+    async fn shown(&self, client: u32, value: Option<ParameterValue>) -> Result<(), String> {
+        let Some(ParameterValue::String(token)) = value else { return Err("give a text".to_owned()) };
+        let right = self.site.access.rights(Some(&token)) == Some(Rights::Control);
+        if right && matches!(self.site.access, Access::Tokens { .. }) {
+            self.may_set().insert(client);
+            self.site.shared.note(Level::Info, format!("Foxglove client {client} may set parameters now"));
+            return Ok(());
+        }
+        self.may_set().remove(&client);
+        if token.is_empty() {
+            return Ok(());
+        }
+        tokio::time::sleep(WRONG_TOKEN).await;
+        Err("this is not the token to steer".to_owned())
     }
 }
 
+#[derive(Clone)]
+struct Parameters(Arc<Settings>);
+
 impl ParameterHandler for Parameters {
     fn get(&self, _: AnyClient, names: Vec<String>, _: Option<String>, responder: GetParametersResponder) {
-        responder.respond(self.named(&names));
+        responder.respond(self.0.named(&names));
     }
 
-    fn set(&self, _: AnyClient, asked: Vec<Parameter>, _: Option<String>, responder: SetParametersResponder) {
-        let names: Vec<String> = asked.into_iter().map(|parameter| parameter.name).collect();
-        responder.respond(self.named(&names));
+    fn set(
+        &self,
+        client: AnyClient,
+        asked: Vec<Parameter>,
+        _: Option<String>,
+        responder: SetParametersResponder,
+    ) {
+        let settings = self.0.clone();
+        tokio::spawn(async move {
+            let mut names = Vec::with_capacity(asked.len());
+            for parameter in asked {
+                let name = parameter.name.clone();
+                if let Err(why) = settings.set(client.id().into(), parameter).await {
+                    client.send_warning(format!("{name}: {why}"));
+                }
+                names.push(name);
+            }
+            // As they are now, set or not.
+            responder.respond(if names.is_empty() { Vec::new() } else { settings.named(&names) });
+        });
     }
 }
 

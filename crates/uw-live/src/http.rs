@@ -12,7 +12,9 @@ use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper::{Method, Request, Response, StatusCode};
 use hyper_util::rt::{TokioIo, TokioTimer};
-use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio_rustls::TlsAcceptor;
 use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::handshake::derive_accept_key;
 use tokio_tungstenite::tungstenite::protocol::{Role, WebSocketConfig};
@@ -23,7 +25,7 @@ use crate::server::Site;
 use crate::session;
 use crate::wire::{MOST_BYTES, PROTOCOL};
 
-/// How long the head of a request may take.
+/// How long encryption may take to begin, and the head of a request.
 const HEAD_WITHIN: Duration = Duration::from_secs(5);
 /// How long a connection that is no session may last.
 const CONNECTION_WITHIN: Duration = Duration::from_secs(60);
@@ -31,6 +33,11 @@ const CONNECTION_WITHIN: Duration = Duration::from_secs(60);
 const HEAD_BYTES: usize = 16 << 10;
 /// Bytes that may wait to be written to a session beyond what is under way.
 const WRITE_BYTES: usize = 4 << 20;
+
+/// The answer to a request that is not encrypted where it has to be.
+const NOT_ENCRYPTED: &[u8] =
+    b"HTTP/1.1 400 Bad Request\r\ncontent-type: text/plain; charset=utf-8\r\nconnection: close\r\n\r\n\
+    this server speaks https: put https:// before its address\n";
 
 const HEADERS: &[(&str, &str)] = &[
     (
@@ -65,10 +72,30 @@ where
     let _ = tokio::time::timeout(CONNECTION_WITHIN, connection).await;
 }
 
+/// Serves one connection once it is encrypted.
+pub(crate) async fn serve_encrypted(mut io: TcpStream, tls: &TlsAcceptor, peer: SocketAddr, site: Arc<Site>) {
+    let begun = async {
+        let mut first = [0];
+        io.peek(&mut first).await?;
+        if !first[0].is_ascii_uppercase() {
+            return tls.accept(io).await.map(Some);
+        }
+        // A browser that was given http:// would show no more than a link that broke.
+        io.write_all(NOT_ENCRYPTED).await?;
+        io.shutdown().await?;
+        // Until it has seen it: a request that nobody read would reset the connection before.
+        tokio::io::copy(&mut io, &mut tokio::io::sink()).await?;
+        Ok::<_, std::io::Error>(None)
+    };
+    if let Ok(Ok(Some(io))) = tokio::time::timeout(HEAD_WITHIN, begun).await {
+        serve(io, peer, site).await;
+    }
+}
+
 fn answer(request: Request<Incoming>, peer: SocketAddr, site: &Arc<Site>) -> Response<Full<Bytes>> {
     let headers = request.headers();
     let (host, origin) = (text(headers, &header::HOST), text(headers, &header::ORIGIN));
-    let allowed = same_site(host, origin, site.listening, &site.access);
+    let allowed = same_site(host, origin, site.scheme, site.listening, &site.access);
     let mut response = if request.uri().path() == "/ws" {
         upgrade(request, peer, site, allowed)
     } else if !allowed {

@@ -5,6 +5,7 @@
 //! | [`feed`] | where a scan puts what it has: never blocks, the latest wins |
 //! | [`cloud`] | the points so far, in bounded memory |
 //! | [`access`] | tokens, rights, origins, hosts |
+//! | [`tls`] | a certificate and its key |
 //! | [`control`] | what a client may ask for; asked over a channel, answered by who scans |
 //! | [`wire`] | messages to bytes and back, as docs/live-protocol.md has them |
 //! | [`pace`] | how fast a client's link is, and what that leaves room for |
@@ -25,10 +26,12 @@ pub mod pace;
 mod picture;
 pub mod server;
 mod session;
+pub mod tls;
 pub mod wire;
 
-pub use access::{Access, Rights, Token};
+pub use access::{Access, Rights, Scheme, Token};
 pub use control::{Action, Asked, Replay};
 pub use error::Error;
 pub use feed::{About, Feed, Laser, Level, Mode, Phase, State, Stripe, Timeline};
 pub use server::{Options, Server};
+pub use tls::{Tls, TlsFault};

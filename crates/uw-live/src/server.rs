@@ -9,10 +9,11 @@ use std::time::Duration;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use tokio::sync::{Semaphore, watch};
 
-use crate::access::Access;
+use crate::access::{Access, Scheme};
 use crate::control::{Asked, Seat};
 use crate::feed::{Feed, Shared};
 use crate::picture::Jpegs;
+use crate::tls::Tls;
 use crate::{Error, foxglove, http};
 
 /// Clients at a time.
@@ -31,6 +32,8 @@ pub struct Options {
     pub listen: SocketAddr,
     /// What is asked of clients.
     pub access: Access,
+    /// What the page and its socket are encrypted with; `None`: not at all.
+    pub tls: Option<Tls>,
     /// The stream for Foxglove's tools; `None`: none. They show no token, so this has to be a loopback address.
     pub foxglove: Option<SocketAddr>,
 }
@@ -39,6 +42,8 @@ pub struct Options {
 pub(crate) struct Site {
     pub listening: SocketAddr,
     pub access: Access,
+    /// Of the page's own address.
+    pub scheme: Scheme,
     pub shared: Arc<Shared>,
     pub jpegs: Arc<Jpegs>,
     pub seat: Seat,
@@ -64,7 +69,7 @@ impl Server {
     /// # Errors
     /// [`Error`] where an address can't be had, or tokens are not asked for on one that others reach.
     pub fn start(options: Options) -> Result<(Self, Feed, Receiver<Asked>), Error> {
-        let Options { listen, access, foxglove } = options;
+        let Options { listen, access, tls, foxglove } = options;
         let failed = |address| move |source| Error::Listen { address, source };
         if matches!(access, Access::Local) && !listen.ip().is_loopback() {
             let source = std::io::Error::other("others reach this address, and no token is asked for");
@@ -89,6 +94,7 @@ impl Server {
         let site = Arc::new(Site {
             listening,
             access,
+            scheme: if tls.is_some() { Scheme::Https } else { Scheme::Http },
             shared: shared.clone(),
             jpegs: Arc::default(),
             seat: Seat::default(),
@@ -97,9 +103,8 @@ impl Server {
             next_client: AtomicU64::new(0),
             closing: to_close,
         });
-        let stream = foxglove
-            .map(|address| runtime.block_on(foxglove::start(address, shared.clone(), site.jpegs.clone())))
-            .transpose()?;
+        let stream =
+            foxglove.map(|address| runtime.block_on(foxglove::start(address, site.clone()))).transpose()?;
         let foxglove = stream.as_ref().map(|stream| stream.listening);
         let listener = {
             let _entered = runtime.enter();
@@ -110,7 +115,7 @@ impl Server {
                 let mut closing = site.closing.clone();
                 let publishing = stream.map(|stream| tokio::spawn(stream.publish()));
                 tokio::select! {
-                    () = accept(&listener, &site) => {}
+                    () = accept(&listener, tls.as_ref(), &site) => {}
                     _ = closing.wait_for(|closing| *closing) => {}
                 }
                 drop(listener);
@@ -153,7 +158,7 @@ impl Drop for Server {
     }
 }
 
-async fn accept(listener: &tokio::net::TcpListener, site: &Arc<Site>) {
+async fn accept(listener: &tokio::net::TcpListener, tls: Option<&Tls>, site: &Arc<Site>) {
     let sockets = Arc::new(Semaphore::new(MOST_SOCKETS));
     loop {
         let Ok((socket, peer)) = listener.accept().await else {
@@ -163,9 +168,12 @@ async fn accept(listener: &tokio::net::TcpListener, site: &Arc<Site>) {
         };
         let Ok(permit) = sockets.clone().try_acquire_owned() else { continue };
         let _ = socket.set_nodelay(true);
-        let site = site.clone();
+        let (site, tls) = (site.clone(), tls.map(Tls::acceptor));
         tokio::spawn(async move {
-            http::serve(socket, peer, site).await;
+            match tls {
+                None => http::serve(socket, peer, site).await,
+                Some(tls) => http::serve_encrypted(socket, &tls, peer, site).await,
+            }
             drop(permit);
         });
     }

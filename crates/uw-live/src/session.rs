@@ -29,7 +29,7 @@ mod writer;
 /// How long a client may take to say who it is.
 const HELLO_WITHIN: Duration = Duration::from_secs(5);
 /// What a wrong token costs, so that many can't be tried.
-const WRONG_TOKEN: Duration = Duration::from_millis(500);
+pub(crate) const WRONG_TOKEN: Duration = Duration::from_millis(500);
 /// How often a client is asked whether it is there, and how long it may be silent.
 const PING_EVERY: Duration = Duration::from_secs(5);
 const SILENT: Duration = Duration::from_secs(20);

@@ -110,7 +110,7 @@ pub fn replay(
         ReplayWord::Play => Replay::Play,
         ReplayWord::Pause => Replay::Pause,
         ReplayWord::Seek => Replay::Seek(frame?),
-        ReplayWord::Rate => Replay::Rate(rate.filter(|rate| (0.01..=100.0).contains(rate))?),
+        ReplayWord::Rate => rate.and_then(Replay::rate)?,
     })
 }
 

@@ -6,6 +6,13 @@ use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
 use uwscan::geom;
 
+/// An argument with a number as its default.
+#[derive(FromPyObject)]
+pub enum Given<'py> {
+    Number(f64),
+    Other(Bound<'py, PyAny>),
+}
+
 /// Index of refraction of water relative to air: Quan and Fry (Appl. Opt. 34 (1995) 3477), with a term linear in depth.
 ///
 /// Parameters
@@ -16,8 +23,8 @@ use uwscan::geom;
 ///     Practical salinity (0 to 35).
 /// wavelength_nm : array_like
 ///     Wavelength in air, nm (400 to 700).
-/// depth_m : array_like, optional
-///     Depth below the surface, m; 0 by default.
+/// depth_m : array_like, default 0.0
+///     Depth below the surface, m.
 ///
 /// Returns
 /// -------
@@ -32,22 +39,25 @@ use uwscan::geom;
 /// >>> uwscan.water_index([10.0, 20.0], 0.0, 532.0).round(5).tolist()
 /// [1.33569, 1.33504]
 #[pyfunction]
+#[pyo3(text_signature = "(temperature_c, salinity_psu, wavelength_nm, depth_m=0.0)")]
 #[pyo3(signature = (
     temperature_c: "numpy.typing.ArrayLike",
     salinity_psu: "numpy.typing.ArrayLike",
     wavelength_nm: "numpy.typing.ArrayLike",
-    depth_m: "numpy.typing.ArrayLike | None" = None,
+    depth_m: "numpy.typing.ArrayLike" = Given::Number(0.0),
 ) -> "typing.Any")]
 pub fn water_index<'py>(
     py: Python<'py>,
     temperature_c: &Bound<'py, PyAny>,
     salinity_psu: &Bound<'py, PyAny>,
     wavelength_nm: &Bound<'py, PyAny>,
-    depth_m: Option<&Bound<'py, PyAny>>,
+    depth_m: Given<'py>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let zero = 0.0_f64.into_pyobject(py)?.into_any();
-    let depth_m = depth_m.unwrap_or(&zero);
-    let given = [temperature_c, salinity_psu, wavelength_nm, depth_m];
+    let depth_m = match depth_m {
+        Given::Number(depth_m) => depth_m.into_pyobject(py)?.into_any(),
+        Given::Other(depth_m) => depth_m,
+    };
+    let given = [temperature_c, salinity_psu, wavelength_nm, &depth_m];
     let numbers: Result<Vec<f64>, _> = given.iter().map(|any| any.extract::<f64>()).collect();
     if let Ok([t, s, l, d]) = numbers.as_deref() {
         return Ok(geom::water::index(*t, *s, *l, *d).into_pyobject(py)?.into_any());

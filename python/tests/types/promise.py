@@ -32,6 +32,7 @@ def jobs(folder: Path) -> None:
         assert_type(frame.laser_on, bool)
         uwscan.extract_stripe(frame.image)
     calibration = uwscan.calibrate([capture, folder], rig=None, method="joint")
+    uwscan.calibrate(folder, report="calibration.html", made="2026-11-29", overwrite=True)
     assert_type(uwscan.Calibration.load("calibration.toml"), uwscan.Calibration)
     calibration.save(folder)
     for known in (calibration.camera_matrix, calibration.distortion, calibration.axis_point_mm, calibration.axis_direction):

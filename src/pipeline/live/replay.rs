@@ -1,6 +1,7 @@
 //! Recordings shown as if they were scanned now, with a time line.
 
 use super::watch::told;
+use super::without_folders;
 use crate::Error;
 use crate::live::{About, Action, Asked, Feed, Level, Mode, Phase, Replay, State, Stripe, Timeline};
 use crate::pipeline::load::Reading;
@@ -23,6 +24,8 @@ use uw_stripe::Method;
 const BETWEEN: (Duration, Duration) = (Duration::from_millis(10), Duration::from_secs(2));
 /// How often it looks whether it is to end.
 const LOOK: Duration = Duration::from_millis(200);
+/// The setting of how many times as fast as it was recorded.
+const RATE: &str = "replay.rate";
 /// Points that are kept to be shown again after a jump.
 const KEPT: usize = 1 << 20;
 
@@ -71,13 +74,14 @@ pub fn replay(
             }
             (Err(error), None) => return Err(error),
             (Err(error), Some(request)) => {
-                Asked::refuse(request, &error.to_string());
-                feed.note(Level::Error, error.to_string());
+                let why = without_folders(&error.to_string(), &shown.path);
+                Asked::refuse(request, &why);
+                feed.note(Level::Error, why);
                 shown = first;
                 continue;
             }
         };
-        warnings.into_iter().for_each(|text| feed.note(Level::Warning, text));
+        warnings.iter().for_each(|text| feed.note(Level::Warning, without_folders(text, &shown.path)));
         let calibration = opened.calibration.clone();
         let mut player = Player::new(opened, calibration.as_ref(), shown, &names, feed)?;
         match player.play(asked, stop) {
@@ -174,6 +178,7 @@ impl<'a> Player<'a> {
             captures: names.to_vec(),
             parameters: vec![("frames".to_owned(), frames.len() as f64)],
         });
+        feed.settings(vec![(RATE.to_owned(), 1.0)]);
         let count = frames.len();
         Ok(Self {
             capture,
@@ -257,10 +262,17 @@ impl<'a> Player<'a> {
             }
             Action::Replay(Replay::Seek(_)) => Err(format!("it has {frames} images, counted from 0")),
             Action::Replay(Replay::Rate(rate)) => {
-                self.rate = *rate;
-                self.due = Instant::now() + self.between();
+                self.play_at(*rate);
                 Ok(Heard::Done)
             }
+            Action::Set { name, value } if name == RATE => match Replay::rate(*value) {
+                Some(Replay::Rate(rate)) => {
+                    self.play_at(rate);
+                    Ok(Heard::Done)
+                }
+                _ => Err("a rate is from 0.01 to 100".to_owned()),
+            },
+            Action::Set { .. } => Err("this is not to be set in a recording".to_owned()),
             // Nothing shines: that is what was asked for.
             Action::LaserOff => Ok(Heard::Done),
             Action::Start | Action::Stop => Err("this is a recording, not a scan".to_owned()),
@@ -276,6 +288,12 @@ impl<'a> Player<'a> {
                 Heard::Done
             }
         }
+    }
+
+    fn play_at(&mut self, rate: f64) {
+        self.rate = rate;
+        self.due = Instant::now() + self.between();
+        self.feed.settings(vec![(RATE.to_owned(), rate)]);
     }
 
     /// Goes to a frame: the cloud is what it was then.
@@ -339,7 +357,8 @@ impl<'a> Player<'a> {
         let image = match self.reading.stripe(&self.capture, record) {
             Ok(image) => image,
             Err(error) => {
-                self.feed.note(Level::Warning, error.to_string());
+                let text = without_folders(&error.to_string(), &self.capture.path);
+                self.feed.note(Level::Warning, text);
                 return None;
             }
         };
@@ -418,7 +437,7 @@ fn preview<'a>(capture: &Capture, file: &'a CalibrationFile, feed: &Feed) -> Res
     let nominal = capture.rig.as_ref().and_then(Rig::water_index);
     let settings = Settings::default();
     let medium = outside(capture.medium, nominal, &capture.path, file, &settings, &mut warnings)?;
-    warnings.into_iter().for_each(|text| feed.note(Level::Warning, text));
+    warnings.iter().for_each(|text| feed.note(Level::Warning, without_folders(text, &capture.path)));
     let bits = file.rig.camera.bits;
     Preview::new(file, medium, bits, Method::Robust)
         .map_err(|source| Error::Stripe { path: capture.path.clone(), source })

@@ -1,11 +1,12 @@
 //! A scan that is watched: what happens goes to the feed, and what is asked for comes back.
 
+use super::without_folders;
 use crate::live::{About, Action, Asked, Feed, Laser, Level, Mode, Phase, State, Stripe};
 use crate::pipeline::record::session::{Observer, Shot, unsigned};
 use crate::pipeline::record::{self, Counts, Plan, Scanned, SteerError, Steering, Tally};
 use crossbeam_channel::Receiver;
 use std::collections::VecDeque;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use uw_calib::Across;
@@ -38,6 +39,7 @@ pub struct Watched<'a> {
 pub struct Watch {
     feed: Feed,
     steering: Steering,
+    recording: PathBuf,
     bits: u8,
     lines: u32,
     calibrated: bool,
@@ -97,6 +99,7 @@ impl Watch {
         Self {
             feed,
             steering,
+            recording: recording.to_owned(),
             bits: camera.significant_bits,
             lines: match across {
                 Across::U => height,
@@ -121,23 +124,32 @@ impl Watch {
                 running.state.left_s = None;
                 running.state.laser =
                     if scanned.report.laser_off.is_ok() { Laser::Off } else { Laser::Unknown };
-                running.state.ended = scanned.ended.as_ref().map(ToString::to_string);
-                scanned.report.alarms().into_iter().for_each(|text| self.feed.note(Level::Error, text));
-                scanned.warnings.iter().for_each(|text| self.feed.note(Level::Warning, text.clone()));
+                running.state.ended = scanned.ended.as_ref().map(|ended| self.named(&ended.to_string()));
+                scanned.report.alarms().iter().for_each(|text| self.note(Level::Error, text));
+                scanned.warnings.iter().for_each(|text| self.note(Level::Warning, text));
                 if let Some(error) = &scanned.recording_error {
-                    self.feed.note(Level::Error, format!("the recording was cut off: {error}"));
+                    self.note(Level::Error, &format!("the recording was cut off: {error}"));
                 }
                 if let Some(Err(failure)) = &scanned.made {
-                    self.feed.note(Level::Warning, format!("no cloud: {failure}"));
+                    self.note(Level::Warning, &format!("no cloud: {failure}"));
                 }
             }
             Err(why) => {
                 running.state.phase = Phase::Failed;
-                running.state.ended = Some(why.to_owned());
-                self.feed.note(Level::Error, why);
+                running.state.ended = Some(self.named(why));
+                self.note(Level::Error, why);
             }
         }
         self.tell(&mut running);
+    }
+
+    /// What viewers get of a text.
+    fn named(&self, text: &str) -> String {
+        without_folders(text, &self.recording)
+    }
+
+    fn note(&self, level: Level, text: &str) {
+        self.feed.note(level, self.named(text));
     }
 
     fn tell(&self, running: &mut Running) {
@@ -235,9 +247,9 @@ impl Observer for Watch {
                 running.state.laser = Laser::Off;
                 running.held_since = Some(now);
             }
-            record::Phase::Ending => {
+            record::Phase::Ending { laser_off } => {
                 running.state.phase = Phase::Stopping;
-                running.state.laser = Laser::Off;
+                running.state.laser = if laser_off { Laser::Off } else { Laser::Unknown };
                 running.state.left_s = None;
             }
         }
@@ -273,25 +285,52 @@ pub(super) fn told(
     }
 }
 
-/// Does what clients ask for of the scans that `steering` steers, until nobody can ask any more; `start` is called where a scan is wanted,
-/// and says why there is none. It is not to wait for the scan: the laser could not be put off meanwhile.
-pub fn obey(
-    asked: &Receiver<Asked>,
-    steering: &Steering,
-    feed: &Feed,
-    start: &mut dyn FnMut() -> Result<(), String>,
-) {
+/// What can be asked for of who scans, besides what its steering does. None of it is to wait for a scan: the laser could not be put off meanwhile.
+pub trait Station {
+    /// Begins a scan.
+    ///
+    /// # Errors
+    /// Why there is none.
+    fn start(&mut self) -> Result<(), String>;
+
+    /// Gives a setting ([`Feed::settings`]) another value, for whoever asked.
+    ///
+    /// # Errors
+    /// Why it stays as it was.
+    fn set(&mut self, name: &str, value: f64, who: &str) -> Result<(), String>;
+}
+
+/// A scan that was begun when the program was, and is as it was begun.
+#[derive(Clone, Copy, Debug)]
+pub struct OneScan;
+
+impl Station for OneScan {
+    fn start(&mut self) -> Result<(), String> {
+        Err("there is one scan, and it runs already".to_owned())
+    }
+
+    fn set(&mut self, _: &str, _: f64, _: &str) -> Result<(), String> {
+        Err("a scan is as it was begun".to_owned())
+    }
+}
+
+/// Does what clients ask for of the scans that `steering` steers, until nobody can ask any more.
+pub fn obey(asked: &Receiver<Asked>, steering: &Steering, feed: &Feed, station: &mut dyn Station) {
     for asked in asked {
         let who = asked.who.clone();
         let done = match &asked.action {
-            Action::Start => start(),
+            Action::Start => station.start(),
             Action::Pause => steering.hold(&who).map_err(words),
             Action::Resume => steering.resume(&who).map_err(words),
             Action::Stop => steering.stop(&who).map_err(words),
             Action::LaserOff => laser_off(steering, &who),
             Action::Replay(_) => Err("this is a scan, not a recording".to_owned()),
+            Action::Set { name, value } => station.set(name, *value, &who),
         };
-        let name = asked.action.name();
+        let name = match &asked.action {
+            Action::Set { name, value } => format!("{name} = {value}"),
+            action => action.name().to_owned(),
+        };
         match done {
             Ok(()) => {
                 let level =

@@ -5,7 +5,7 @@
 //! take, is lost and counted.
 
 use crate::pipeline::record::session::{Feed, Missing, Refused, Shot, unsigned};
-use crate::pipeline::record::steer::{Phase, Steering};
+use crate::pipeline::record::steer::Steering;
 use crate::pipeline::record::tally::Loss;
 use std::ops::ControlFlow;
 use std::time::Duration;
@@ -92,9 +92,7 @@ impl<'a> Acquisition<'a> {
         let tally = feed.tally();
         let aims = aims.into_iter().inspect(|aim| {
             if let Some(steering) = observer.steering().filter(|steering| steering.is_held()) {
-                observer.phase(Phase::Held, tally);
-                steering.wait(handle, &mut || {});
-                observer.phase(Phase::Scanning, tally);
+                steering.wait(handle, observer, tally, &mut || {});
                 if lit && handle.reason().is_none() {
                     // A fault stops the interlock, which is seen before the exposure.
                     let _ = handle.laser_on();
@@ -132,12 +130,11 @@ impl<'a> Acquisition<'a> {
         let mut rest = *settings;
         while let Some(from_v) = self.stretch(&rest, feed)? {
             let (observer, camera) = (feed.observer(), &mut self.camera);
-            observer.phase(Phase::Held, feed.tally());
             if let Some(steering) = observer.steering() {
                 // It runs by itself: what it shows meanwhile is not wanted, and must not pile up.
-                steering.wait(self.handle, &mut || while camera.next_frame(Duration::ZERO).is_ok() {});
+                let mut empty = || while camera.next_frame(Duration::ZERO).is_ok() {};
+                steering.wait(self.handle, observer, feed.tally(), &mut empty);
             }
-            observer.phase(Phase::Scanning, feed.tally());
             rest.from_v = from_v;
         }
         Ok(())

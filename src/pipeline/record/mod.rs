@@ -289,7 +289,7 @@ fn drive(
         drop(steered);
         // Where the recording can't go on, it says so itself.
         let _ = tell_asked(feed, &handle);
-        observer.phase(Phase::Ending, &tally);
+        observer.phase(Phase::Ending { laser_off: report.laser_off.is_ok() }, &tally);
         (ended, report)
     });
     // It is done with: what it says to that changes nothing.

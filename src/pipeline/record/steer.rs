@@ -1,5 +1,7 @@
 //! Steering a scan from other threads: held between two exposures, ended, the laser off.
 
+use crate::pipeline::record::session::Observer;
+use crate::pipeline::record::tally::Tally;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use uw_hw::interlock::{Handle, Reason, Report};
@@ -16,7 +18,10 @@ pub enum Phase {
     /// It is held: the laser is off, the mirror stays where it is.
     Held,
     /// Nothing is driven any more; the recording is finished, and the cloud made.
-    Ending,
+    Ending {
+        /// Whether the laser went off.
+        laser_off: bool,
+    },
 }
 
 /// Steers one scan after another; a clone steers the same.
@@ -32,6 +37,8 @@ struct State {
     held: bool,
     /// What was asked, for the recording.
     asked: Vec<(Level, String)>,
+    /// What the next scan's recording is to say first.
+    next: Vec<(Level, String)>,
 }
 
 /// Why a scan can't be steered so.
@@ -126,9 +133,16 @@ impl Steering {
         }
     }
 
+    /// Has the log of the next scan begin with what it was made with, in place of what was said so before.
+    pub fn say_next(&self, texts: impl IntoIterator<Item = String>) {
+        self.state().next = texts.into_iter().map(|text| (Level::Info, text)).collect();
+    }
+
     /// Steers what this drives, until [`Steering::detach`].
     pub(crate) fn attach(&self, handle: &Handle) {
-        *self.state() = State { handle: Some(handle.clone()), ..State::default() };
+        let mut state = self.state();
+        let asked = std::mem::take(&mut state.next);
+        *state = State { handle: Some(handle.clone()), asked, ..State::default() };
     }
 
     pub(crate) fn detach(&self) {
@@ -144,14 +158,24 @@ impl Steering {
         std::mem::take(&mut self.state().asked)
     }
 
-    /// Waits until the scan may go on, or has stopped; the laser is off meanwhile. `meanwhile` is called again and again.
-    pub(crate) fn wait(&self, handle: &Handle, meanwhile: &mut dyn FnMut()) {
-        // What goes wrong with the laser stops the interlock, which the sweep sees before its next exposure.
-        let _ = handle.laser_off();
+    /// Puts the laser off, tells that the scan is held, and waits until it may go on or has stopped. `meanwhile` is called again and again.
+    pub(crate) fn wait(
+        &self,
+        handle: &Handle,
+        observer: &dyn Observer,
+        tally: &Tally,
+        meanwhile: &mut dyn FnMut(),
+    ) {
+        if handle.laser_off().is_err() {
+            // It has stopped the interlock, which the sweep sees before its next exposure.
+            return;
+        }
+        observer.phase(Phase::Held, tally);
         while self.is_held() && handle.reason().is_none() {
             handle.feed();
             meanwhile();
             std::thread::sleep(LOOK);
         }
+        observer.phase(Phase::Scanning, tally);
     }
 }

@@ -16,7 +16,7 @@ struct Asks<'m> {
     mock: &'m Mock,
     at: usize,
     ask: fn(&Steering) -> Result<(), SteerError>,
-    /// Each phase, and whether the laser was on a little later.
+    /// Each phase, and whether the laser was on when it was told.
     phases: Mutex<Vec<(Phase, bool)>>,
 }
 
@@ -81,8 +81,15 @@ fn a_scan_that_is_held_goes_on_where_it_was() {
     assert_eq!(volts, BALL.volts);
     assert!(bytes_hold(&path, "held, as the test asked") && bytes_hold(&path, "resumed, as the test asked"));
     assert_eq!(asks.steering.resume("nobody"), Err(SteerError::Nothing));
-    let phases: Vec<Phase> = asks.phases().into_iter().map(|(phase, _)| phase).collect();
-    assert_eq!(phases, [Phase::Scanning, Phase::Held, Phase::Scanning, Phase::Ending]);
+    assert_held_once(&asks.phases());
+}
+
+/// Scanned, held, scanned to its end; and the laser was off before anybody was told so.
+#[track_caller]
+fn assert_held_once(told: &[(Phase, bool)]) {
+    let phases: Vec<Phase> = told.iter().map(|(phase, _)| *phase).collect();
+    assert_eq!(phases, [Phase::Scanning, Phase::Held, Phase::Scanning, Phase::Ending { laser_off: true }]);
+    assert!(!told[1].1 && !told[3].1, "{told:?}");
 }
 
 /// The laser's state while a scan is held, and what it ends with.
@@ -140,6 +147,5 @@ fn a_continuous_sweep_that_is_held_goes_on_from_its_last_image() {
     // Rising throughout, to the end, with no gap where it was held that is wider than a slow machine's.
     assert!(volts.windows(2).all(|pair| pair[0] < pair[1]), "{volts:?}");
     assert!(volts.len() > 10 && volts[volts.len() - 1] > 0.85, "{volts:?}");
-    let phases: Vec<Phase> = asks.phases().into_iter().map(|(phase, _)| phase).collect();
-    assert_eq!(phases, [Phase::Scanning, Phase::Held, Phase::Scanning, Phase::Ending]);
+    assert_held_once(&asks.phases());
 }

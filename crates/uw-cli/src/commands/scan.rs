@@ -21,7 +21,7 @@ use uwscan::{
     live::{Feed, Mode},
     pipeline::{
         instrument::{self, Opened, Wanted},
-        live::{Watch, Watched, obey},
+        live::{OneScan, Watch, Watched, obey},
         reconstruct,
         record::{Scanned, Settings, Steering, plan::Region, scan, session::Observer},
     },
@@ -152,7 +152,7 @@ const GOODBYE: Duration = Duration::from_secs(1);
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
     if args.live.is_none() && args.listening.is_given() {
-        let what = "--foxglove, --view-token-file and --control-token-file are of a scan that is shown: give --live, too";
+        let what = "--foxglove, the tokens' and the certificate's files are of a scan that is shown: give --live, too";
         return Err(usage_error(ErrorKind::MissingRequiredArgument, what));
     }
     let overwrite = overwrite(args.force);
@@ -170,10 +170,9 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         Some(Live { server, feed, asked }) => {
             let steering = Steering::default();
             let (theirs, shown) = (steering.clone(), feed.clone());
-            let start = || Err("there is one scan, and it runs already".to_owned());
             std::thread::Builder::new()
                 .name("uwscan-steer".to_owned())
-                .spawn(move || obey(&asked, &theirs, &shown, &mut { start }))
+                .spawn(move || obey(&asked, &theirs, &shown, &mut OneScan))
                 .context("cannot start a thread")?;
             let done = setup.scan(&target, overwrite, &wanted, Some((feed, steering, Mode::Scan)), console);
             server.close(GOODBYE);

@@ -3,7 +3,7 @@
 
 use std::{
     fs,
-    io::{BufRead, BufReader, Read},
+    io::{BufRead, BufReader, Read, Write},
     net::TcpStream,
     path::Path,
     process::{Child, Command, Stdio},
@@ -18,7 +18,7 @@ use tokio_tungstenite::tungstenite::{
 
 use crate::{
     job::calibration,
-    samples::{edit, fixture},
+    samples::{edit, fixture, part_of},
     scans::{STEPS, config, replayed, simulated},
 };
 
@@ -28,6 +28,8 @@ const LONG: Duration = Duration::from_secs(120);
 /// A run of `uwscan` with a client at its page's socket.
 struct Live {
     child: Child,
+    /// Where Foxglove's stream is, if there is one.
+    foxglove: Option<String>,
     socket: WebSocket<TcpStream>,
     /// The latest of each type.
     points: usize,
@@ -37,11 +39,17 @@ struct Live {
 
 impl Live {
     fn start(args: &[&str]) -> Self {
+        Self::begin(args, None)
+    }
+
+    /// With a token to steer, there is a stream for Foxglove, too.
+    fn begin(args: &[&str], token: Option<&str>) -> Self {
         let mut child = Command::new(cargo_bin!("uwscan"))
             .args(args)
-            .args(["--foxglove", "off"])
+            .args(["--foxglove", if token.is_some() { "0" } else { "off" }])
             .env_remove("UWSCAN_VIEW_TOKEN")
             .env_remove("UWSCAN_CONTROL_TOKEN")
+            .envs(token.map(|token| ("UWSCAN_CONTROL_TOKEN", token)))
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -57,21 +65,17 @@ impl Live {
             }
             said += &line;
         };
+        // The stream's address comes right after.
+        let foxglove = token.map(|_| {
+            let mut line = String::new();
+            errors.read_line(&mut line).unwrap();
+            let rest = line.trim().strip_prefix("live: ws://").unwrap();
+            rest.split(' ').next().unwrap().to_owned()
+        });
         std::thread::spawn(move || errors.read_to_end(&mut Vec::new()));
-        let stream = TcpStream::connect(&address).unwrap();
-        stream.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
-        let mut request = format!("ws://{address}/ws").into_client_request().unwrap();
-        request.headers_mut().insert("sec-websocket-protocol", HeaderValue::from_static("uwscan.live.v1"));
-        let mut handshake = client(request, stream);
-        let (socket, _) = loop {
-            match handshake {
-                Ok(done) => break done,
-                Err(HandshakeError::Interrupted(middle)) => handshake = middle.handshake(),
-                Err(error) => panic!("{error}"),
-            }
-        };
-        let mut live = Self { child, socket, points: 0, epoch: None, next_id: 0 };
-        live.say(&json!({"type": "hello", "token": null, "client": "test", "bandwidth_kbps": null}));
+        let socket = connect(&address, "/ws", "uwscan.live.v1");
+        let mut live = Self { child, foxglove, socket, points: 0, epoch: None, next_id: 0 };
+        live.say(&json!({"type": "hello", "token": token, "client": "test", "bandwidth_kbps": null}));
         live
     }
 
@@ -154,6 +158,41 @@ impl Drop for Live {
         // A test that failed leaves it running.
         let _ = self.child.kill();
     }
+}
+
+fn connect(address: &str, path: &str, protocol: &'static str) -> WebSocket<TcpStream> {
+    let stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
+    let mut request = format!("ws://{address}{path}").into_client_request().unwrap();
+    request.headers_mut().insert("sec-websocket-protocol", HeaderValue::from_static(protocol));
+    let mut handshake = client(request, stream);
+    loop {
+        match handshake {
+            Ok((socket, _)) => return socket,
+            Err(HandshakeError::Interrupted(middle)) => handshake = middle.handshake(),
+            Err(error) => panic!("{error}"),
+        }
+    }
+}
+
+/// Has a parameter set over Foxglove's stream: the value that it has then, and what was warned of.
+fn set(socket: &mut WebSocket<TcpStream>, name: &str, value: &Value) -> (Value, Option<String>) {
+    let parameter = json!({"name": name, "value": value});
+    let asked = json!({"op": "setParameters", "parameters": [parameter], "id": name});
+    socket.send(Message::text(asked.to_string())).unwrap();
+    let began = Instant::now();
+    let mut warned = None;
+    while began.elapsed() < LONG {
+        let Ok(Message::Text(text)) = socket.read() else { continue };
+        let said: Value = serde_json::from_str(&text).unwrap();
+        if said["op"] == "parameterValues" && said["id"] == name {
+            return (said["parameters"][0]["value"].clone(), warned);
+        }
+        if said["op"] == "status" {
+            warned = said["message"].as_str().map(str::to_owned);
+        }
+    }
+    panic!("{name} is not answered");
 }
 
 fn has(recording: &Path, text: &str) -> bool {
@@ -266,6 +305,20 @@ fn a_recording_is_served_with_a_time_line() {
     assert!(refused.unwrap().contains("recording"));
 }
 
+#[test]
+fn viewers_are_told_of_files_and_not_of_the_folders_that_they_are_in() {
+    let dir = part_of("ball", |row, _| row < 5);
+    let table = fs::read_to_string(dir.path().join("frames.csv")).unwrap();
+    let missing = table.lines().nth(2).unwrap().split(',').next().unwrap();
+    fs::remove_file(dir.path().join(missing)).unwrap();
+    let mut live = Live::start(&["serve", dir.path().to_str().unwrap(), "--listen", "0"]);
+    let note = live
+        .wait("a note", |text| text["type"] == "note" && text["text"].as_str().unwrap().contains(missing));
+    let name = dir.path().file_name().unwrap().to_str().unwrap();
+    let text = note["text"].as_str().unwrap();
+    assert!(text.starts_with(&format!("{name}/{missing}: ")), "{text}");
+}
+
 #[cfg(unix)]
 #[test]
 fn a_station_scans_when_it_is_asked_to_and_stays() {
@@ -290,6 +343,60 @@ fn a_station_scans_when_it_is_asked_to_and_stays() {
     assert_eq!(live.end().1, Some(0));
 }
 
+/// A token as one might be given.
+const TOKEN: &str = "0123456789abcdef01234567";
+
+#[test]
+fn a_station_scans_the_part_that_foxglove_was_told_of() {
+    let dir = simulated(STEPS);
+    let config = config(dir.path());
+    let folder = dir.path().join("new/scans");
+    let output = folder.to_str().unwrap();
+    let mut live = Live::begin(&["serve", "--config", &config, "--listen", "0", "-o", output], Some(TOKEN));
+    let mut foxglove = connect(live.foxglove.as_ref().unwrap(), "", "foxglove.sdk.v1");
+    assert_eq!(set(&mut foxglove, "next.from_v", &json!(0.9)).0, json!(0.8), "without a right to");
+    assert_eq!(set(&mut foxglove, "control_token", &json!(TOKEN)), (json!(""), None));
+    for (name, value, still) in [
+        ("next.to_v", json!(1.2), json!(1.1)),
+        ("next.from_v", json!(-1.0), json!(0.8)),
+        ("next.from_v", json!(1.1), json!(0.8)),
+        ("next.repeat", json!(1.5), json!(1.0)),
+        ("next.repeat", json!(0), json!(1.0)),
+    ] {
+        let (now, why) = set(&mut foxglove, name, &value);
+        assert!(now == still && why.is_some(), "{name}: {now}, {why:?}");
+    }
+    assert_eq!(set(&mut foxglove, "next.from_v", &json!(0.9)), (json!(0.9), None));
+    assert_eq!(set(&mut foxglove, "next.repeat", &json!(2)), (json!(2.0), None));
+    live.command("take-control");
+    live.command("start");
+    live.phase("scanning");
+    let ended = live.phase("finished");
+    // Three of the five voltages, twice.
+    assert_eq!(ended["frames"], 6, "{ended}");
+    let recording = folder.join("scan-0001.mcap");
+    assert!(has(&recording, "next.from_v = 0.9, as Foxglove client "));
+    assert!(has(&recording, "next.repeat = 2, as Foxglove client ") && !has(&recording, TOKEN));
+}
+
+#[test]
+fn the_pace_of_a_replay_is_set_from_foxglove() {
+    let ball = fixture("ball");
+    let mut live = Live::begin(&["serve", ball.to_str().unwrap(), "--listen", "0"], Some(TOKEN));
+    live.wait("a time line", |text| text["type"] == "timeline" && text["rate"] == 1.0);
+    let mut foxglove = connect(live.foxglove.as_ref().unwrap(), "", "foxglove.sdk.v1");
+    assert_eq!(set(&mut foxglove, "replay.rate", &json!(4.0)).0, json!(1.0), "without a right to");
+    assert_eq!(set(&mut foxglove, "control_token", &json!(TOKEN)), (json!(""), None));
+    let (now, why) = set(&mut foxglove, "replay.rate", &json!(0.0));
+    assert!(now == 1.0 && why.unwrap().contains("0.01 to 100"), "{now}");
+    assert_eq!(set(&mut foxglove, "replay.rate", &json!(4.0)), (json!(4.0), None));
+    live.wait("another pace", |text| text["type"] == "timeline" && text["rate"] == 4.0);
+    // What the page sets is told there, too.
+    assert_eq!(live.ask(json!({"type": "replay", "do": "rate", "rate": 0.5})).0, None);
+    let (now, why) = set(&mut foxglove, "replay.rate", &json!("slow"));
+    assert!(now == 0.5 && why.is_some(), "{now}");
+}
+
 #[test]
 fn others_need_a_token_and_a_weak_one_is_refused() {
     let dir = simulated(STEPS);
@@ -302,4 +409,41 @@ fn others_need_a_token_and_a_weak_one_is_refused() {
     crate::samples::uwscan(far).fails(&["Foxglove", "loopback"]);
     crate::samples::uwscan(["scan", "--config", &config, "--foxglove", "off"]).is_misused(&["--live"]);
     crate::samples::uwscan(["serve"]).is_misused(&["CAPTURE"]);
+}
+
+#[test]
+fn a_certificate_is_served_with_and_a_wrong_one_is_told_of() {
+    let dir = simulated(STEPS);
+    let config = config(dir.path());
+    let made = rcgen::generate_simple_self_signed(vec!["localhost".to_owned()]).unwrap();
+    let (cert, key) = (dir.path().join("cert.pem"), dir.path().join("key.pem"));
+    fs::write(&cert, made.cert.pem()).unwrap();
+    fs::write(&key, made.signing_key.serialize_pem()).unwrap();
+    let [cert, key] = [&cert, &key].map(|path| path.to_str().unwrap());
+    let serve = ["serve", "--config", &config, "--listen", "0", "--foxglove", "off"];
+    let with = |more: &[&str]| crate::samples::uwscan(serve.iter().chain(more).copied());
+    with(&["--tls-cert", cert]).is_misused(&["--tls-key"]);
+    with(&["--tls-cert", key, "--tls-key", key]).fails(&["key.pem", "has no certificate"]);
+    crate::samples::uwscan(["scan", "--config", &config, "--tls-cert", cert, "--tls-key", key])
+        .is_misused(&["--live"]);
+    let mut child = Command::new(cargo_bin!("uwscan"))
+        .args(serve)
+        .args(["--tls-cert", cert, "--tls-key", key])
+        .stdin(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let errors = BufReader::new(child.stderr.take().unwrap());
+    let address = errors.lines().find_map(|line| {
+        line.unwrap().strip_prefix("live: https://").map(|rest| rest.trim_end_matches('/').to_owned())
+    });
+    // Over TLS it is spoken to in uw-live's own tests; here, that nothing else is answered.
+    let mut stream = TcpStream::connect(address.unwrap()).unwrap();
+    stream.write_all(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
+    stream.shutdown(std::net::Shutdown::Write).unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(answer.starts_with("HTTP/1.1 400") && answer.contains("https://"), "{answer}");
 }

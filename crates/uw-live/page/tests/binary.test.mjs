@@ -189,3 +189,27 @@ test("the recording is replayed: pause, seek, play, with its points", { timeout:
     await program.stop();
   }
 });
+
+test("over https the page finds its socket by itself", { timeout: 120_000 }, async (context) => {
+  const [cert, key] = ["cert.pem", "key.pem"].map((name) => join(folder, name));
+  try {
+    await run("openssl", ["req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "2", "-keyout", key, "-out", cert,
+      "-subj", "/CN=vehicle", "-addext", "subjectAltName=IP:127.0.0.1"]);
+  } catch (error) {
+    if (error.code !== "ENOENT") throw error;
+    context.skip("no openssl to make a certificate with");
+    return;
+  }
+  const program = await serve(["serve", join(folder, "scans/scan-0001.mcap"), "--tls-cert", cert, "--tls-key", key]);
+  try {
+    assert.match(program.url, /^https:/);
+    const page = await open(browser, program.url, { ignoreHTTPSErrors: true });
+    await state(page, ["replaying", "paused"]);
+    await page.locator("#seek").fill("25");
+    await frameAt(page, 26);
+    assert.deepEqual(page.faults, []);
+    await page.context().close();
+  } finally {
+    await program.stop();
+  }
+});

@@ -20,7 +20,7 @@ fn say_hello(address: SocketAddr, token: &serde_json::Value) -> u16 {
 }
 
 /// The server's answer to bytes, as far as it comes.
-fn raw(address: SocketAddr, bytes: &[u8]) -> String {
+pub fn raw(address: SocketAddr, bytes: &[u8]) -> String {
     let mut stream = TcpStream::connect(address).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(2))).unwrap();
     let _ = stream.write_all(bytes);
@@ -87,9 +87,11 @@ fn pages_of_others_are_refused() {
 fn others_are_not_served_without_a_token_to_begin_with() {
     use uw_live::{Access, Options, Server};
     let listen = "0.0.0.0:0".parse().unwrap();
-    let refused = Server::start(Options { listen, access: Access::Local, foxglove: None }).unwrap_err();
+    let refused =
+        Server::start(Options { listen, access: Access::Local, tls: None, foxglove: None }).unwrap_err();
     assert!(refused.to_string().contains("no token"), "{refused}");
-    let refused = Server::start(Options { listen: local(), access: Access::Local, foxglove: Some(listen) });
+    let refused =
+        Server::start(Options { listen: local(), access: Access::Local, tls: None, foxglove: Some(listen) });
     assert!(refused.unwrap_err().to_string().contains("loopback"));
 }
 

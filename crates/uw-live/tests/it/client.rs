@@ -1,5 +1,6 @@
-//! A client as simple as can be: tungstenite on a TCP socket.
+//! A client as simple as can be: tungstenite on a TCP socket, encrypted or not.
 
+use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
@@ -17,8 +18,8 @@ pub enum Got {
     Closed(u16),
 }
 
-pub struct Client {
-    pub socket: WebSocket<TcpStream>,
+pub struct Client<S = TcpStream> {
+    pub socket: WebSocket<S>,
     /// Whether binary messages are acknowledged.
     pub acks: bool,
 }
@@ -26,10 +27,29 @@ pub struct Client {
 impl Client {
     /// Connects, from a page of `origin` if one is given.
     pub fn connect(address: SocketAddr, origin: Option<&str>) -> Self {
-        let stream = TcpStream::connect(address).unwrap();
-        stream.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
-        stream.set_nodelay(true).unwrap();
-        let mut request = format!("ws://{address}/ws").into_client_request().unwrap();
+        Self::over(tcp(address), &format!("ws://{address}"), origin)
+    }
+
+    /// Connects and says hello.
+    pub fn hello(address: SocketAddr, token: Option<&str>, name: &str) -> Self {
+        let mut client = Self::connect(address, None);
+        client.say(&json!({"type": "hello", "token": token, "client": name, "bandwidth_kbps": null}));
+        client
+    }
+}
+
+/// A socket whose reads do not wait for long.
+pub fn tcp(address: SocketAddr) -> TcpStream {
+    let stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
+    stream.set_nodelay(true).unwrap();
+    stream
+}
+
+impl<S: Read + Write> Client<S> {
+    /// Shakes hands over a stream.
+    pub fn over(stream: S, server: &str, origin: Option<&str>) -> Self {
+        let mut request = format!("{server}/ws").into_client_request().unwrap();
         request.headers_mut().insert("sec-websocket-protocol", HeaderValue::from_static(PROTOCOL));
         if let Some(origin) = origin {
             request.headers_mut().insert("origin", HeaderValue::from_str(origin).unwrap());
@@ -45,13 +65,6 @@ impl Client {
             }
         };
         Self { socket, acks: true }
-    }
-
-    /// Connects and says hello.
-    pub fn hello(address: SocketAddr, token: Option<&str>, name: &str) -> Self {
-        let mut client = Self::connect(address, None);
-        client.say(&json!({"type": "hello", "token": token, "client": name, "bandwidth_kbps": null}));
-        client
     }
 
     pub fn say(&mut self, value: &Value) {

@@ -18,13 +18,13 @@ pub fn local() -> SocketAddr {
 }
 
 pub fn serve() -> (Server, Feed, Receiver<Asked>) {
-    Server::start(Options { listen: local(), access: Access::Local, foxglove: None }).unwrap()
+    Server::start(Options { listen: local(), access: Access::Local, tls: None, foxglove: None }).unwrap()
 }
 
 pub fn serve_with_tokens() -> (Server, Feed, Receiver<Asked>) {
     let token = |text| Token::new(text).unwrap();
     let access = Access::Tokens { view: token(VIEW), control: token(CONTROL) };
-    Server::start(Options { listen: local(), access, foxglove: None }).unwrap()
+    Server::start(Options { listen: local(), access, tls: None, foxglove: None }).unwrap()
 }
 
 pub fn now_ns() -> u64 {
