@@ -256,12 +256,12 @@ fn settled<S: Surface<P>, const P: usize>(
             // A covariance that is too large by all appearances still says what error was to be expected.
             accepted = accepted.max(1.0);
             let used2 = floor.used_mm * floor.used_mm;
-            let told = |(o, feet): (&Observation, &Feet<P>)| {
+            let mut residuals = Vec::with_capacity(count);
+            for (o, feet) in sound.iter().zip(&kept) {
                 let bend = bend_variance(&surface, o, &feet.0, floor.used_mm);
                 let told = |f: &Foot<P>| (f.residual_mm, (f.variance_mm2 - used2).max(0.0) + bend);
-                feet.each().map(told).collect::<Vec<_>>()
-            };
-            let residuals: Vec<_> = sound.iter().copied().zip(kept.iter().copied()).flat_map(told).collect();
+                residuals.extend(feet.each().map(told));
+            }
             noise_floor(&residuals, P, sample.resolution_mm)
         } else {
             let chi2: f64 = residuals().map(|f| f.distance().powi(2)).sum();
