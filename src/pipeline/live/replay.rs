@@ -321,6 +321,7 @@ impl<'a> Player<'a> {
         if let Some((_, Some(stripe))) = self.make(at) {
             self.points += stripe.cloud.len();
             self.feed.points(&stripe);
+            self.tell();
         }
         true
     }

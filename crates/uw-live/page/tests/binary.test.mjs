@@ -205,6 +205,8 @@ test("over https the page finds its socket by itself", { timeout: 120_000 }, asy
     assert.match(program.url, /^https:/);
     const page = await open(browser, program.url, { ignoreHTTPSErrors: true });
     await state(page, ["replaying", "paused"]);
+    await page.click("#play");
+    await state(page, "paused");
     await page.locator("#seek").fill("25");
     await frameAt(page, 26);
     assert.deepEqual(page.faults, []);
