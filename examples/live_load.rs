@@ -7,6 +7,9 @@
 #![allow(clippy::print_stdout, reason = "the table of figures is what is asked for")]
 #![allow(clippy::unwrap_used, reason = "a bench that can't run says so by stopping")]
 
+mod memory;
+
+use memory::resident_mib;
 use std::io::Read;
 use std::net::{SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
@@ -186,12 +189,6 @@ impl Observer for Looking {
     fn steering(&self) -> Option<&Steering> {
         self.watch.as_ref().and_then(Observer::steering)
     }
-}
-
-/// Memory that the process holds, MiB (/proc/self/statm, pages of 4 KiB).
-fn resident_mib() -> f64 {
-    let text = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
-    text.split(' ').nth(1).and_then(|pages| pages.parse::<f64>().ok()).map_or(f64::NAN, |pages| pages / 256.0)
 }
 
 /// A process of viewers, ended when this is dropped.

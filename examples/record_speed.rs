@@ -6,6 +6,9 @@
 #![allow(clippy::print_stdout, reason = "the table of figures is what is asked for")]
 #![allow(clippy::unwrap_used, reason = "a bench that can't run says so by stopping")]
 
+mod memory;
+
+use memory::resident_mib;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use std::fs::File;
 use std::io::Write;
@@ -172,12 +175,6 @@ fn bare_queues(times: u32, every: Duration) -> [f64; 2] {
     });
     late.sort_by(f64::total_cmp);
     [0.5, 0.99].map(|share| late[((late.len() - 1) as f64 * share) as usize])
-}
-
-/// Memory that the process holds, MiB (/proc/self/statm, pages of 4 KiB).
-fn resident_mib() -> f64 {
-    let text = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
-    text.split(' ').nth(1).and_then(|pages| pages.parse::<f64>().ok()).map_or(f64::NAN, |pages| pages / 256.0)
 }
 
 /// Looks at the memory after each thousand frames.

@@ -7,7 +7,7 @@ use std::{
 
 use anyhow::Context;
 use uwscan::{
-    live::{Access, Feed, Options, Scheme, Server, Tls, Token},
+    live::{Access, Feed, Options, Server, Tls, Token},
     pipeline::live::Requests,
 };
 
@@ -77,7 +77,6 @@ impl Listening {
             (Some(certificate), Some(key)) => Some(Tls::read(certificate, key)?),
             _ => None,
         };
-        let scheme = if tls.is_some() { Scheme::Https } else { Scheme::Http };
         let access = self.access(listen, console)?;
         let next = SocketAddr::new(
             IpAddr::V4(Ipv4Addr::LOCALHOST),
@@ -100,7 +99,7 @@ impl Listening {
             }
         };
         let (server, feed, asked) = started?;
-        console.line(format_args!("live: {}://{}/", scheme.name(), server.listening()));
+        console.line(format_args!("live: {}://{}/", server.scheme().name(), server.listening()));
         if let Some(at) = server.foxglove() {
             console.line(format_args!("live: ws://{at} for Foxglove, on this machine alone"));
         }

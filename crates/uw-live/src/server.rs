@@ -58,6 +58,7 @@ pub(crate) struct Site {
 #[derive(Debug)]
 pub struct Server {
     listening: SocketAddr,
+    scheme: Scheme,
     foxglove: Option<SocketAddr>,
     closing: watch::Sender<bool>,
     thread: Option<JoinHandle<()>>,
@@ -91,10 +92,11 @@ impl Server {
         let (closing, to_close) = watch::channel(false);
         let (asked, to_ask) = bounded(MOST_ASKED);
         let shared = Shared::new();
+        let scheme = if tls.is_some() { Scheme::Https } else { Scheme::Http };
         let site = Arc::new(Site {
             listening,
             access,
-            scheme: if tls.is_some() { Scheme::Https } else { Scheme::Http },
+            scheme,
             shared: shared.clone(),
             jpegs: Arc::default(),
             seat: Seat::default(),
@@ -128,12 +130,17 @@ impl Server {
             runtime.shutdown_timeout(GOODBYE);
         });
         let thread = Some(thread.map_err(Error::Start)?);
-        Ok((Self { listening, foxglove, closing, thread }, Feed { shared }, to_ask))
+        Ok((Self { listening, scheme, foxglove, closing, thread }, Feed { shared }, to_ask))
     }
 
     /// Where the page is.
     pub fn listening(&self) -> SocketAddr {
         self.listening
+    }
+
+    /// How the page's address begins.
+    pub fn scheme(&self) -> Scheme {
+        self.scheme
     }
 
     /// Where Foxglove's tools find the stream; `None` where there is none.

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use serde::Serialize;
-use uwscan::hw::galvo::serial;
+use uwscan::hw::{camera::CameraInfo, galvo::serial};
 
 use crate::{console::Console, exit::Outcome, output};
 
@@ -38,30 +38,22 @@ struct Camera {
 }
 
 #[cfg(feature = "genicam")]
-fn genicam() -> Vec<Camera> {
-    let found = uwscan::hw::camera::genicam::cameras();
-    found
-        .into_iter()
-        .map(|info| Camera { driver: "genicam", id: info.id, about: info.about, address: info.address })
-        .collect()
+fn genicam() -> Vec<CameraInfo> {
+    uwscan::hw::camera::genicam::cameras()
 }
 
 #[cfg(not(feature = "genicam"))]
-fn genicam() -> Vec<Camera> {
+fn genicam() -> Vec<CameraInfo> {
     Vec::new()
 }
 
 #[cfg(all(feature = "v4l2", target_os = "linux"))]
-fn v4l2() -> Vec<Camera> {
-    let found = uwscan::hw::camera::v4l2::cameras();
-    found
-        .into_iter()
-        .map(|info| Camera { driver: "v4l2", id: info.id, about: info.about, address: info.address })
-        .collect()
+fn v4l2() -> Vec<CameraInfo> {
+    uwscan::hw::camera::v4l2::cameras()
 }
 
 #[cfg(not(all(feature = "v4l2", target_os = "linux")))]
-fn v4l2() -> Vec<Camera> {
+fn v4l2() -> Vec<CameraInfo> {
     Vec::new()
 }
 
@@ -84,7 +76,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     };
     let not_compiled = DRIVERS.into_iter().filter(|(_, has, _)| !has).map(|(name, ..)| name).collect();
     let serial_ports = ports.into_iter().map(|port| Port { port: port.name, about: port.about }).collect();
-    let cameras = genicam().into_iter().chain(v4l2()).collect();
+    let by =
+        |driver| move |CameraInfo { id, about, address }: CameraInfo| Camera { driver, id, about, address };
+    let cameras =
+        genicam().into_iter().map(by("genicam")).chain(v4l2().into_iter().map(by("v4l2"))).collect();
     let record = Record { serial_ports, cameras, not_compiled, warnings };
     record.warnings.iter().for_each(|warning| console.warn(warning));
     if args.json {

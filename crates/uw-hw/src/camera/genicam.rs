@@ -13,7 +13,7 @@ use std::{
 
 use aravis::{AcquisitionMode, Aravis, Auto, Buffer, BufferStatus, CameraExt, CameraExtManual, StreamExt};
 
-use super::{Ids, Intake, aside::Aside};
+use super::{CameraInfo, Ids, Intake, aside::Aside};
 use crate::{
     Camera, CameraSettings, Exposure, Fault, Frame, FrameCounts, Identity, Pixels, Timeline, Trigger,
     clock::nanoseconds, frame::Layout,
@@ -25,17 +25,6 @@ const BUFFERS: usize = 16;
 const CLOCK_NS: i64 = 2_000_000;
 
 static LIBRARY: Mutex<Option<Aravis>> = Mutex::new(None);
-
-/// A camera that answered.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct CameraInfo {
-    /// What [`GenicamCamera::open`] takes.
-    pub id: String,
-    /// Maker and model.
-    pub about: String,
-    /// Network address, or place on the bus.
-    pub address: String,
-}
 
 /// The cameras that answer within the second or two that looking takes.
 pub fn cameras() -> Vec<CameraInfo> {

@@ -27,7 +27,7 @@ use moq_v4l::{
     video::{Capture, capture::Parameters},
 };
 
-use super::{Ids, Intake};
+use super::{CameraInfo, Ids, Intake};
 use crate::{Camera, CameraSettings, Fault, Frame, FrameCounts, Identity, Timeline, Trigger, frame::Layout};
 use format::{Taking, negotiate, packings};
 use reader::Reader;
@@ -46,16 +46,8 @@ const NONE_SUCH: [i32; 2] = [22, 25];
 const NO_CAMERA: &str = "check that it is plugged in and captures video, and that you may read and write it (group video); \
                          `uwscan devices` lists cameras";
 
-/// A device that captures video.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct CameraInfo {
-    /// Its device file: what [`V4l2Camera::open`] takes.
-    pub id: String,
-    /// Card and driver.
-    pub about: String,
-    /// Place on the bus.
-    pub address: String,
-}
+/// How to scan with a camera that can't be triggered.
+const RUN_FREE: &str = "write camera.trigger = \"free\", a rate_hz, and sweep.mode = \"continuous\"";
 
 /// The devices that capture video and can be opened, in the order of their numbers.
 pub fn cameras() -> Vec<CameraInfo> {
@@ -238,8 +230,9 @@ impl Camera for V4l2Camera {
 
     fn configure(&mut self, wanted: &CameraSettings, _within: Duration) -> Result<CameraSettings, Fault> {
         let Trigger::Free { rate_hz } = wanted.trigger else {
-            let mend = "write camera.trigger = \"free\", a rate_hz, and sweep.mode = \"continuous\"";
-            return Err(self.unsupported("wait for a trigger: V4L2 cameras run by themselves".into(), mend));
+            return Err(
+                self.unsupported("wait for a trigger: V4L2 cameras run by themselves".into(), RUN_FREE)
+            );
         };
         if wanted.gain_db.is_some() {
             let mend = "leave gain_db out, and set the device's own gain with v4l2-ctl --set-ctrl";
@@ -275,8 +268,7 @@ impl Camera for V4l2Camera {
     }
 
     fn trigger(&mut self, _within: Duration) -> Result<(), Fault> {
-        let mend = "write camera.trigger = \"free\", a rate_hz, and sweep.mode = \"continuous\"";
-        Err(self.unsupported("be triggered: V4L2 cameras run by themselves".into(), mend))
+        Err(self.unsupported("be triggered: V4L2 cameras run by themselves".into(), RUN_FREE))
     }
 
     fn next_frame(&mut self, within: Duration) -> Result<Frame, Fault> {
