@@ -48,7 +48,8 @@ esac
 
 step "Formatting" cargo fmt --manifest-path python/Cargo.toml --check
 step "Lints" cargo clippy --manifest-path python/Cargo.toml -- -D warnings
-step "Build" python -m maturin develop --profile "$profile"
+# With what the stubs are read off: one build is both.
+step "Build" python -m maturin develop --profile "$profile" --features stubs
 step "Stubs" stubs --check
 step "Stubs beside the module" python -m mypy.stubtest uwscan._uwscan
 step "Types, mypy" python -m mypy
