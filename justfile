@@ -106,12 +106,15 @@ fixtures *FLAGS:
 docs:
     cargo doc --workspace --no-deps --locked --open
 
-# Makes the picture in README again (needs Python with numpy, matplotlib and pillow)
-picture:
+# Makes the pictures in README again (needs Python with numpy, matplotlib and pillow; Node with the live page's packages, and Chromium)
+pictures:
     mkdir -p target/picture
     cargo run --release --locked --package uw-cli -- calibrate fixtures/cal-air fixtures/cal-water -o target/picture/calibration.toml --force
     cargo run --release --locked --package uw-cli -- reconstruct fixtures/cover -c target/picture/calibration.toml -o target/picture/cover.ply --force
     python3 docs/images/overview.py
+    cargo run --release --locked --package uw-cli -- demo -o target/picture/demo --force
+    cd crates/uw-live/page && npm ci --ignore-scripts
+    node docs/images/live.mjs target/release/uwscan target/picture/demo/vehicle.toml docs/images/live.png
 
 # The Python package: build, lints, tests
 python:

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Draws overview.png from what `just picture` computed; needs numpy, matplotlib and pillow."""
+"""Draws overview.png from what `just pictures` computed; needs numpy, matplotlib and pillow."""
 import pathlib
 
 import matplotlib
