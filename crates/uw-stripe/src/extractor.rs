@@ -255,8 +255,8 @@ fn obliquity(stripe: &Stripe, all: &mut Vec<f64>) -> f64 {
     let slope = |p: &[f32]| f64::from((p[OVER] - p[0]) / OVER as f32);
     let slopes = stripe.position_px.windows(OVER + 1).map(slope);
     all.clear();
-    all.extend(slopes.filter(|s| s.is_finite()).map(|s| s.hypot(1.0)));
-    if all.is_empty() { 1.0 } else { median(all) }
+    all.extend(slopes.filter(|s| s.is_finite()).map(f64::abs));
+    if all.is_empty() { 1.0 } else { median(all).hypot(1.0) }
 }
 
 /// Longest step from a line to the next that is pooled across, px.

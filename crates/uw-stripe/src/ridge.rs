@@ -9,49 +9,58 @@
 //! Gaussian, not of a parabola, which is off by up to 0.04 px half a pixel away. And what the smoothing takes away from a bend is given
 //! back: of curvature κ it moves the ridge by ½ σ² κ inwards (the Laplacian in polar coordinates), along a line by ½ σ² f″/(1 + f′²).
 
-use fearless_simd::{Level, dispatch};
+use fearless_simd::{Level, Simd, SimdBase, dispatch, f32x16};
 
+use crate::engine::lanes::CHUNK;
 use crate::{Axis, NoiseModel, Pixel, View};
 
 mod onto;
+mod straight;
 
 /// Half a kernel in its sigmas; what is beyond is 1 % of a second derivative.
 const REACH: f64 = 3.0;
 /// Narrowest and widest kernel, px: below, samples a pixel apart no longer make derivatives.
 const SIGMAS: std::ops::RangeInclusive<f64> = 0.8..=8.0;
-/// Pixels of a kernel are padded to multiples of this, so that loops have no remainder.
-const LANES: usize = 8;
-/// The widest kernel's pixels, padded.
-const WIDEST: usize = 56;
 /// Moves to another pixel before a candidate is given up.
 const MOVES: usize = 4;
 /// A ridge further off than that belongs to another pixel: Steger's own program allows 0.6 px.
 const BELONGS_PX: f64 = 0.6;
 /// Least share of the normal along the line: slopes to 4.
 const LEAST_ALONG: f64 = 0.24;
-/// Longest step of the centre from a line to the next in one stripe: pixels plus widths.
-const STEP: (f64, f64) = (3.0, 2.0);
 /// Of a stripe's light the kernel's square takes (2/3)^1.5, of the light's square (1/2)^1.5.
 const SHOT: f64 = 0.544_331;
 const SPECKLE: f64 = 0.353_553;
-/// Half-length, in kernel sigmas, of the fit that tells the bend.
-const BEND_REACH: f64 = 2.5;
-/// Standard deviation of a bend's correction, as a share of it: what the second order leaves.
-const UNSURE: f64 = 0.5;
+/// Vectors of the widest kernel, and its rows.
+const MOST: usize = 4;
+const HIGHEST: usize = 2 * (REACH * *SIGMAS.end()) as usize + 1;
+/// No pixel.
+const NOWHERE: usize = usize::MAX;
 
-/// A point of the ridge on a line; positions in pixels of the whole image.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct RidgePoint {
+/// The ridge on each line; NaN where there is none. Positions in pixels of the whole image.
+#[derive(Debug, Default)]
+pub(crate) struct RidgePoints {
     /// Where the ridge crosses the line.
-    pub position: f64,
+    pub position: Vec<f64>,
     /// Its predicted standard deviation, pooled along the ridge: px.
-    pub sigma: f64,
+    pub sigma: Vec<f64>,
     /// Change of the position from a line to the next.
-    pub slope: f64,
+    pub slope: Vec<f64>,
     /// Peak height, DN, if the stripe has the kernel's width.
-    pub amplitude: f64,
+    pub amplitude: Vec<f64>,
     /// Grey value under it, DN.
-    pub background: f64,
+    pub background: Vec<f64>,
+}
+
+impl RidgePoints {
+    /// Without a point on any of so many lines.
+    fn reset(&mut self, lines: usize) {
+        for of in
+            [&mut self.position, &mut self.sigma, &mut self.slope, &mut self.amplitude, &mut self.background]
+        {
+            of.clear();
+            of.resize(lines, f64::NAN);
+        }
+    }
 }
 
 /// Kernels and memory for stripes of one width.
@@ -61,11 +70,9 @@ pub(crate) struct Ridge {
     half: usize,
     /// Gaussian, first and second derivative, padded with zeros.
     kernels: [Vec<f32>; 3],
-    /// Noise after a bend's correction by that before.
-    gain: f64,
+    straight: straight::Straight,
     /// Instructions of the processor at hand.
     level: Level,
-    first: Vec<Option<RidgePoint>>,
     onto: onto::Onto,
 }
 
@@ -80,9 +87,10 @@ impl Ridge {
             *SIGMAS.start()
         };
         let half = (REACH * sigma).ceil() as usize;
-        let lanes = match (2 * half + 1).next_multiple_of(LANES) {
-            few if few <= 4 * LANES => few,
-            _ => WIDEST,
+        // A whole number of vectors.
+        let lanes = match (2 * half + 1).div_ceil(CHUNK) {
+            few @ 1..=2 => few * CHUNK,
+            _ => MOST * CHUNK,
         };
         let taps = |f: &dyn Fn(f64) -> f64| -> Vec<f64> {
             (0..=2 * half).map(|i| f((i as f64 - half as f64) / sigma)).collect()
@@ -113,9 +121,8 @@ impl Ridge {
             sigma,
             half,
             kernels,
-            gain: straightening_gain(sigma),
+            straight: straight::Straight::new(sigma),
             level: Level::new(),
-            first: Vec::new(),
             onto: onto::Onto::default(),
         }
     }
@@ -125,239 +132,268 @@ impl Ridge {
         line >= self.half && line + self.half < lines
     }
 
-    /// Fills `points` with the ridge on each line of `image`, `None` where a line's candidate (position, px) is `None` or leads to no
-    /// ridge, and where the kernel reaches beyond the lines.
+    /// Fills `points` with the ridge on each line of `image`: none where a line's candidate (position, px) is NaN or leads to no ridge, and
+    /// where the kernel reaches beyond the lines.
     pub fn follow<P: Pixel>(
         &mut self,
         image: &View<'_, P>,
         axis: Axis,
-        candidates: &[Option<f32>],
+        candidates: &[f32],
         noise: &NoiseModel,
-        points: &mut Vec<Option<RidgePoint>>,
+        points: &mut RidgePoints,
     ) {
-        let mut first = std::mem::take(&mut self.first);
-        first.clear();
-        first.extend(
-            candidates
-                .iter()
-                .enumerate()
-                .map(|(line, c)| c.and_then(|c| self.at(image, axis, line, c, noise))),
-        );
-        points.clear();
-        points.extend((0..first.len()).map(|i| self.straightened(&first, i)));
-        self.first = first;
+        points.reset(candidates.len());
+        let level = self.level;
+        for (first, candidates) in (0..).step_by(CHUNK).zip(candidates.chunks(CHUNK)) {
+            // The same sums in the same order on every level: only the registers differ.
+            dispatch!(level, simd => self.chunk(simd, (image, axis), (first, candidates), noise, points));
+        }
+        self.straight.straighten(points);
     }
 
-    /// The ridge next to one candidate, as smoothed.
-    fn at<P: Pixel>(
+    /// The ridge next to the candidates of some lines, as smoothed.
+    #[inline(always)]
+    fn chunk<S: Simd, P: Pixel>(
         &self,
-        image: &View<'_, P>,
-        axis: Axis,
-        line: usize,
-        candidate: f32,
+        simd: S,
+        (image, axis): (&View<'_, P>, Axis),
+        (first, candidates): (usize, &[f32]),
         noise: &NoiseModel,
-    ) -> Option<RidgePoint> {
+        points: &mut RidgePoints,
+    ) {
         let lines = axis.lines(image.width(), image.height());
         let length = match axis {
             Axis::PerRow => image.width(),
             Axis::PerColumn => image.height(),
         };
-        if !self.pools_at(line, lines) || !candidate.is_finite() {
-            return None;
+        let mut pixels = [NOWHERE; CHUNK];
+        for (line, (pixel, candidate)) in (first..).zip(pixels.iter_mut().zip(candidates)) {
+            let at = candidate.round().max(0.0);
+            if candidate.is_finite() && at < length as f32 && self.pools_at(line, lines) {
+                *pixel = at as usize;
+            }
         }
-        let mut pixel = candidate.round().max(0.0) as usize;
         for _ in 0..MOVES {
-            if pixel >= length {
-                return None;
-            }
-            let (x, y) = match axis {
-                Axis::PerRow => (pixel, line),
-                Axis::PerColumn => (line, pixel),
+            // Sums of known length over registers.
+            let smoothed = match self.kernels[0].len() / CHUNK {
+                1 => self.smoothed::<S, P, 1>(simd, (image, axis), first, &pixels),
+                2 => self.smoothed::<S, P, 2>(simd, (image, axis), first, &pixels),
+                _ => self.smoothed::<S, P, MOST>(simd, (image, axis), first, &pixels),
             };
-            let [r, rx, ry, rxx, rxy, ryy] = self.derivatives(image, x, y);
-            // Along the line and across the lines.
-            let (ra, rc, raa, rcc) = match axis {
-                Axis::PerRow => (rx, ry, rxx, ryy),
-                Axis::PerColumn => (ry, rx, ryy, rxx),
-            };
-            let root = (0.25 * (raa - rcc).powi(2) + rxy * rxy).sqrt();
-            let curvature = 0.5 * (raa + rcc) - root;
-            if curvature.is_nan() || curvature >= 0.0 {
-                return None;
+            let found = self.ridges(&smoothed, noise);
+            let mut moved = false;
+            for (l, pixel) in pixels.iter_mut().enumerate().filter(|(_, pixel)| **pixel != NOWHERE) {
+                let (from, step) = (std::mem::replace(pixel, NOWHERE), found.step[l]);
+                // NaN is no ridge.
+                if found.along[l].is_nan() || found.along[l] < LEAST_ALONG {
+                    continue;
+                }
+                if step.abs() <= BELONGS_PX {
+                    points.position[first + l] = from as f64 + step;
+                    points.sigma[first + l] = found.sigma[l];
+                    points.slope[first + l] = found.slope[l];
+                    points.amplitude[first + l] = found.amplitude[l];
+                    points.background[first + l] = found.background[l];
+                    continue;
+                }
+                let most = self.sigma.max(1.0);
+                let to = from as f64 + step.clamp(-most, most).round();
+                if (0.0..length as f64).contains(&to) {
+                    *pixel = to as usize;
+                    moved = true;
+                }
             }
-            // The eigenvector, of the two forms that with no cancellation.
-            let (na, nc) = if raa <= rcc { (curvature - rcc, rxy) } else { (rxy, curvature - raa) };
-            let norm = (na * na + nc * nc).sqrt();
-            let (na, nc) = if norm > 0.0 { (na / norm, nc / norm) } else { (1.0, 0.0) };
-            if na.abs() < LEAST_ALONG {
-                return None;
+            if !moved {
+                break;
             }
-            // The kernel widens the stripe's own variance by its own.
-            let variance = 2.0 * self.sigma * self.sigma;
-            let parabola = -(ra * na + rc * nc) / curvature;
-            let step = gaussian_step(parabola, variance) / na;
-            if step.abs() <= BELONGS_PX {
-                let slope = -nc / na;
-                return Some(self.point(pixel as f64 + step, slope, na.abs(), r, curvature, noise));
-            }
-            let to = pixel as f64 + step.clamp(-self.sigma.max(1.0), self.sigma.max(1.0)).round();
-            if to < 0.0 {
-                return None;
-            }
-            pixel = to as usize;
         }
-        None
     }
 
-    /// The point with its sigma: the slope's kernel over the noise of a Gaussian stripe on an even background.
-    fn point(
+    /// r and its derivatives along the lines (a) and across them (c) at a pixel of each line: r, ra, rc, raa, rac, rcc.
+    #[inline(always)]
+    fn smoothed<S: Simd, P: Pixel, const V: usize>(
         &self,
-        position: f64,
-        slope: f64,
-        along: f64,
-        value: f64,
-        curvature: f64,
-        noise: &NoiseModel,
-    ) -> RidgePoint {
-        let sigma = self.sigma;
-        let widened = std::f64::consts::SQRT_2 * sigma;
-        let amplitude = -curvature * widened.powi(3) / sigma;
-        let background = value - amplitude * sigma / widened;
-        // ∫ (g′ g)² = 1/(8π σ⁴).
-        let dark = noise.variance(background.max(0.0), 0.0);
-        let shot = noise.variance(amplitude + background.max(0.0), 0.0) - dark;
-        let speckle = (f64::from(noise.speckle_contrast) * amplitude).powi(2);
-        let pixel = dark + shot * SHOT + speckle * SPECKLE;
-        let slope_sigma = (pixel / (8.0 * std::f64::consts::PI)).sqrt() / (sigma * sigma);
-        RidgePoint { position, sigma: slope_sigma / (-curvature * along), slope, amplitude, background }
-    }
-
-    /// r, rx, ry, rxx, rxy, ryy of the image smoothed around pixel (x, y).
-    fn derivatives<P: Pixel>(&self, image: &View<'_, P>, x: usize, y: usize) -> [f64; 6] {
-        // The same sums in the same order on every level: only the registers differ.
-        dispatch!(self.level, _simd => self.derivatives_here(image, x, y))
-    }
-
-    #[inline(always)]
-    fn derivatives_here<P: Pixel>(&self, image: &View<'_, P>, x: usize, y: usize) -> [f64; 6] {
-        // Loops of known length over registers.
-        match self.kernels[0].len() / LANES {
-            1 => self.sums::<P, LANES>(image, x, y),
-            2 => self.sums::<P, { 2 * LANES }>(image, x, y),
-            3 => self.sums::<P, { 3 * LANES }>(image, x, y),
-            4 => self.sums::<P, { 4 * LANES }>(image, x, y),
-            _ => self.sums::<P, WIDEST>(image, x, y),
+        simd: S,
+        (image, axis): (&View<'_, P>, Axis),
+        first: usize,
+        pixels: &[usize; CHUNK],
+    ) -> [[f32; CHUNK]; 6] {
+        let mut products = [[f32x16::splat(simd, 0.0); CHUNK]; 6];
+        for (l, &pixel) in pixels.iter().enumerate().filter(|(_, pixel)| **pixel != NOWHERE) {
+            let (x, y) = match axis {
+                Axis::PerRow => (pixel, first + l),
+                Axis::PerColumn => (first + l, pixel),
+            };
+            let own = self.products::<S, P, V>(simd, image, x, y);
+            for (products, own) in products.iter_mut().zip(own) {
+                products[l] = own;
+            }
+        }
+        let mut sums = [[0.0; CHUNK]; 6];
+        for (sums, products) in sums.iter_mut().zip(products) {
+            totals(products).store_slice(sums);
+        }
+        let [r, rx, ry, rxx, rxy, ryy] = sums;
+        match axis {
+            Axis::PerRow => [r, rx, ry, rxx, rxy, ryy],
+            Axis::PerColumn => [r, ry, rx, ryy, rxy, rxx],
         }
     }
 
-    /// The sums behind [`Ridge::derivatives`], of kernels padded to `N`: down the columns first, all at once, then along the row.
+    /// What r, rx, ry, rxx, rxy, ryy at pixel (x, y) are the sums of: down the columns first, all at once and two rows at a time, on which a
+    /// kernel differs in its sign at most; then along the row.
     #[inline(always)]
-    fn sums<P: Pixel, const N: usize>(&self, image: &View<'_, P>, x: usize, y: usize) -> [f64; 6] {
-        let half = self.half;
-        let mut down = [[0.0f32; N]; 3];
-        let mut value = [0.0f32; N];
-        let inside = x >= half && x - half + N <= image.width();
-        for k in 0..=2 * half {
-            let row = image.row((y + k).saturating_sub(half).min(image.height() - 1));
-            if inside {
-                for (to, from) in value.iter_mut().zip(&row[x - half..x - half + N]) {
-                    *to = from.dn();
-                }
-            } else {
-                for (i, to) in value.iter_mut().enumerate() {
-                    *to = row[(x + i).saturating_sub(half).min(image.width() - 1)].dn();
-                }
-            }
-            for (down, kernel) in down.iter_mut().zip(&self.kernels) {
-                let weight = kernel[k];
-                down.iter_mut().zip(&value).for_each(|(d, v)| *d += weight * v);
-            }
-        }
+    fn products<S: Simd, P: Pixel, const V: usize>(
+        &self,
+        simd: S,
+        image: &View<'_, P>,
+        x: usize,
+        y: usize,
+    ) -> [f32x16<S>; 6] {
         let [smooth, slope, bend] = &self.kernels;
-        [
-            across(&down[0], smooth),
-            across(&down[0], slope),
-            across(&down[1], smooth),
-            across(&down[0], bend),
-            across(&down[1], slope),
-            across(&down[2], smooth),
-        ]
+        let half = self.half;
+        let inside =
+            x >= half && x - half + V * CHUNK <= image.width() && y >= half && y + half < image.height();
+        let copy;
+        let patch = if inside {
+            image.starting_at(x - half, y - half)
+        } else {
+            copy = patch(image, x, y, half);
+            (copy.as_flattened(), MOST * CHUNK)
+        };
+        let mut down = [[f32x16::splat(simd, 0.0); 3]; V];
+        for (down, value) in down.iter_mut().zip(row::<S, P, V>(simd, patch, half)) {
+            (down[0], down[2]) = (value * smooth[half], value * bend[half]);
+        }
+        for k in 1..=half {
+            let before = row::<S, P, V>(simd, patch, half - k);
+            let after = row::<S, P, V>(simd, patch, half + k);
+            for (down, (before, after)) in down.iter_mut().zip(before.into_iter().zip(after)) {
+                let (even, odd) = (after + before, after - before);
+                down[0] += even * smooth[half + k];
+                down[1] += odd * slope[half + k];
+                down[2] += even * bend[half + k];
+            }
+        }
+        let mut along = [f32x16::splat(simd, 0.0); 6];
+        for (v, down) in down.into_iter().enumerate() {
+            let (smooth, slope, bend) = (taps(simd, smooth, v), taps(simd, slope, v), taps(simd, bend, v));
+            along[0] += down[0] * smooth;
+            along[1] += down[0] * slope;
+            along[2] += down[1] * smooth;
+            along[3] += down[0] * bend;
+            along[4] += down[1] * slope;
+            along[5] += down[2] * smooth;
+        }
+        along
     }
 
-    /// Point `i` with the smoothing's pull along a bend taken back, and its sigma widened by what that costs.
-    fn straightened(&self, points: &[Option<RidgePoint>], i: usize) -> Option<RidgePoint> {
-        let here = points[i]?;
-        let reach = (BEND_REACH * self.sigma).ceil() as usize;
-        let joined =
-            |a: &RidgePoint, b: &RidgePoint| (a.position - b.position).abs() <= STEP.0 + STEP.1 * self.sigma;
-        // As far on both sides as the shorter one goes: a bend told from one side only leans on the slope.
-        let walk = |next: &dyn Fn(usize) -> Option<usize>| {
-            let mut last = here;
-            (1..=reach)
-                .take_while(|k| {
-                    let point = next(*k).and_then(|j| points.get(j).copied().flatten());
-                    let on = point.is_some_and(|p| joined(&last, &p));
-                    last = point.unwrap_or(last);
-                    on
-                })
-                .count()
-        };
-        let side = walk(&|k| i.checked_sub(k)).min(walk(&|k| Some(i + k)));
-        if side < 2 {
-            return Some(here);
+    /// Where the ridge crosses some lines, from r and its derivatives.
+    #[inline(always)]
+    fn ridges(&self, [r, ra, rc, raa, rac, rcc]: &[[f32; CHUNK]; 6], noise: &NoiseModel) -> Found {
+        let sigma = self.sigma;
+        // The kernel widens the stripe's own variance by its own.
+        let widened = 2.0 * sigma * sigma;
+        let (dark, shot) = (noise.variance(0.0, 0.0), 1.0 / f64::from(noise.gain_e_per_dn));
+        let contrast = f64::from(noise.speckle_contrast);
+        // Of a curvature, and of a height.
+        let (height, share) = (widened * widened.sqrt() / sigma, sigma / widened.sqrt());
+        // The slope's kernel over the noise of a Gaussian stripe on an even background: ∫ (g′ g)² = 1/(8π σ⁴).
+        let gain = 1.0 / (8.0 * std::f64::consts::PI * sigma.powi(4));
+        let mut found = Found::default();
+        for l in 0..CHUNK {
+            let (raa, rac, rcc) = (f64::from(raa[l]), f64::from(rac[l]), f64::from(rcc[l]));
+            let root = (0.25 * (raa - rcc) * (raa - rcc) + rac * rac).sqrt();
+            let curvature = 0.5 * (raa + rcc) - root;
+            // The eigenvector, of the two forms that with no cancellation.
+            let (na, nc) = if raa <= rcc { (curvature - rcc, rac) } else { (rac, curvature - raa) };
+            let norm = (na * na + nc * nc).sqrt();
+            let unit = 1.0 / norm;
+            let (na, nc) = if norm > 0.0 { (na * unit, nc * unit) } else { (1.0, 0.0) };
+            let (by_along, by_curvature) = (1.0 / na, 1.0 / curvature);
+            let parabola = -(f64::from(ra[l]) * na + f64::from(rc[l]) * nc) * by_curvature;
+            found.step[l] = gaussian_step(parabola, 1.0 / widened) * by_along;
+            found.slope[l] = -nc * by_along;
+            found.along[l] = if curvature < 0.0 { na.abs() } else { f64::NAN };
+            let amplitude = -curvature * height;
+            let background = f64::from(r[l]) - amplitude * share;
+            let speckle = contrast * amplitude;
+            let variance =
+                dark + (background.max(0.0) + amplitude * SHOT) * shot + speckle * speckle * SPECKLE;
+            found.sigma[l] = (variance * gain).sqrt() * (by_curvature * by_along).abs();
+            found.amplitude[l] = amplitude;
+            found.background[l] = background;
         }
-        let (mut m2, mut m4, mut p0, mut p2, n) = (0.0, 0.0, 0.0, 0.0, (2 * side + 1) as f64);
-        for (j, point) in points[i - side..=i + side].iter().enumerate() {
-            let point = (*point)?;
-            let x = j as f64 - side as f64;
-            (m2, m4) = (m2 + x * x, m4 + x.powi(4));
-            (p0, p2) = (p0 + point.position - here.position, p2 + x * x * (point.position - here.position));
-        }
-        let second = 2.0 * (p2 - p0 * m2 / n) / (m4 - m2 * m2 / n);
-        let shift = 0.5 * self.sigma * self.sigma * second / (1.0 + here.slope * here.slope);
-        let position = here.position - shift;
-        // A shift within its own noise is no bend.
-        let real = (shift * shift - 4.0 * here.sigma * here.sigma).max(0.0);
-        let sigma = (here.sigma * self.gain).hypot(UNSURE * real.sqrt());
-        position.is_finite().then_some(RidgePoint { position, sigma, ..here })
+        found
     }
 }
 
-/// Distance from the middle of a Gaussian of the given variance, where one Newton step says `parabola` = d / (1 − d²/variance).
-fn gaussian_step(parabola: f64, variance: f64) -> f64 {
-    let ratio = parabola * parabola / variance;
+/// Where the ridge crosses some lines, as far as can be told from one pixel of each.
+#[derive(Default)]
+struct Found {
+    /// From the pixel's centre, px.
+    step: [f64; CHUNK],
+    /// The normal's share along the line; NaN where there is no ridge.
+    along: [f64; CHUNK],
+    sigma: [f64; CHUNK],
+    slope: [f64; CHUNK],
+    amplitude: [f64; CHUNK],
+    background: [f64; CHUNK],
+}
+
+/// The pixels around (x, y), `half` of them before and as many rows above; the border is repeated beyond it.
+#[inline(never)]
+fn patch<P: Pixel>(image: &View<'_, P>, x: usize, y: usize, half: usize) -> [[P; MOST * CHUNK]; HIGHEST] {
+    let mut patch = [[P::ZERO; MOST * CHUNK]; HIGHEST];
+    for (k, to) in patch.iter_mut().enumerate() {
+        let row = image.row((y + k).saturating_sub(half).min(image.height() - 1));
+        for (i, to) in to.iter_mut().enumerate() {
+            *to = row[(x + i).saturating_sub(half).min(row.len() - 1)];
+        }
+    }
+    patch
+}
+
+/// Grey values at the start of row `k` of pixels so many to a row.
+#[inline(always)]
+fn row<S: Simd, P: Pixel, const V: usize>(
+    simd: S,
+    (pixels, stride): (&[P], usize),
+    k: usize,
+) -> [f32x16<S>; V] {
+    let mut values = [f32x16::splat(simd, 0.0); V];
+    for (to, from) in values.iter_mut().zip(pixels[k * stride..][..V * CHUNK].as_chunks().0) {
+        *to = P::floats(simd, from);
+    }
+    values
+}
+
+/// A kernel's vector of that number.
+#[inline(always)]
+fn taps<S: Simd>(simd: S, kernel: &[f32], v: usize) -> f32x16<S> {
+    f32x16::load_array_ref(simd, &kernel.as_chunks().0[v])
+}
+
+/// The total of each vector, in their order: interleaved in pairs, so that one of half of each remains, until each lane is one's.
+#[inline(always)]
+fn totals<S: Simd>(mut vectors: [f32x16<S>; CHUNK]) -> f32x16<S> {
+    let mut left = CHUNK / 2;
+    while left > 0 {
+        for i in 0..left {
+            let (low, high) = vectors[i].interleave(vectors[i + left]);
+            vectors[i] = low + high;
+        }
+        left /= 2;
+    }
+    vectors[0]
+}
+
+/// Distance from the middle of a Gaussian, where one Newton step says `parabola` = d / (1 − d²/variance); the variance as its reciprocal.
+#[inline(always)]
+fn gaussian_step(parabola: f64, by_variance: f64) -> f64 {
+    let ratio = parabola * parabola * by_variance;
     // 2/(1 + √(1 + 4 q)) is (−1 + √(1 + 4 q)) / 2q without the cancellation.
     parabola * 2.0 / (1.0 + (1.0 + 4.0 * ratio).sqrt())
-}
-
-/// Noise after the bend's correction by that before, for an upright stripe: the correction sharpens what the kernel had smoothed.
-fn straightening_gain(sigma: f64) -> f64 {
-    let reach = (BEND_REACH * sigma).ceil() as i32;
-    let n = f64::from(2 * reach + 1);
-    let (m2, m4) =
-        (-reach..=reach).fold((0.0, 0.0), |(a, b), x| (a + f64::from(x * x), b + f64::from(x).powi(4)));
-    let sharpen = |x: i32| {
-        let second = 2.0 * (f64::from(x * x) - m2 / n) / (m4 - m2 * m2 / n);
-        f64::from(u8::from(x == 0)) - 0.5 * sigma * sigma * second
-    };
-    let smooth = |x: i32| (-0.5 * (f64::from(x) / sigma).powi(2)).exp();
-    let half = (4.0 * sigma).ceil() as i32;
-    let (mut before, mut after) = (0.0, 0.0);
-    for at in -half - reach..=half + reach {
-        before += smooth(at).powi(2);
-        after += (-reach..=reach).map(|x| sharpen(x) * smooth(at - x)).sum::<f64>().powi(2);
-    }
-    (after / before).sqrt()
-}
-
-/// The sum along a row.
-#[inline(always)]
-fn across<const N: usize>(down: &[f32; N], kernel: &[f32]) -> f64 {
-    let mut sums = [0.0f32; LANES];
-    for (d, k) in down.chunks_exact(LANES).zip(kernel.chunks_exact(LANES)) {
-        sums.iter_mut().zip(d).zip(k).for_each(|((s, d), k)| *s += d * k);
-    }
-    f64::from(sums.iter().sum::<f32>())
 }
 
 #[cfg(test)]
@@ -391,17 +427,16 @@ mod tests {
         const SIZE: (usize, usize) = (140, 90);
         let pixels = image(SIZE, centre, width, seed);
         let view = View::packed(&pixels, SIZE.0, SIZE.1).unwrap();
-        let candidates: Vec<_> = (0..SIZE.1).map(|y| Some((centre(y as f64) + 0.8) as f32)).collect();
-        let mut points = Vec::new();
+        let candidates: Vec<_> = (0..SIZE.1).map(|y| (centre(y as f64) + 0.8) as f32).collect();
+        let mut points = RidgePoints::default();
         Ridge::new(width).follow(&view, Axis::PerRow, &candidates, &NOISE, &mut points);
         let inner = 12..SIZE.1 - 12;
         let (mut mean, mut square, mut normal) = (0.0, 0.0, 0.0);
         for y in inner.clone() {
-            let point = points[y].unwrap();
-            let error = point.position - centre(y as f64);
+            let error = points.position[y] - centre(y as f64);
             mean += error;
             square += error * error;
-            normal += (error / point.sigma).powi(2);
+            normal += (error / points.sigma[y]).powi(2);
         }
         let n = inner.len() as f64;
         (mean / n, (square / n).sqrt(), (normal / n).sqrt())
@@ -448,8 +483,9 @@ mod tests {
         let centre = |v: f64| 3.0 + 0.9 * v;
         let pixels = image((60, 50), &centre, 1.5, Some(3));
         let turned: Vec<u16> = (0..3000).map(|i| pixels[i % 50 * 60 + i / 50]).collect();
-        let candidates: Vec<_> = (0..50).map(|y| (y != 20).then_some(centre(f64::from(y)) as f32)).collect();
-        let (mut rows, mut columns) = (Vec::new(), Vec::new());
+        let at = |y| if y == 20 { f32::NAN } else { centre(f64::from(y)) as f32 };
+        let candidates: Vec<_> = (0..50).map(at).collect();
+        let (mut rows, mut columns) = (RidgePoints::default(), RidgePoints::default());
         let mut ridge = Ridge::new(1.5);
         ridge.follow(&View::packed(&pixels, 60, 50).unwrap(), Axis::PerRow, &candidates, &NOISE, &mut rows);
         ridge.follow(
@@ -459,16 +495,13 @@ mod tests {
             &NOISE,
             &mut columns,
         );
-        assert!(rows[20].is_none() && rows.iter().flatten().count() >= 38);
-        for (a, b) in rows.iter().zip(&columns) {
-            match (a, b) {
-                (Some(a), Some(b)) => assert!((a.position - b.position).abs() < 1e-3, "{a:?} {b:?}"),
-                (None, None) => {}
-                _ => panic!("{a:?} against {b:?}"),
-            }
+        let found = rows.position.iter().filter(|p| !p.is_nan()).count();
+        assert!(rows.position[20].is_nan() && found >= 38);
+        for (a, b) in rows.position.iter().zip(&columns.position) {
+            assert!((a.is_nan() && b.is_nan()) || (a - b).abs() < 1e-3, "{a} {b}");
         }
-        let (one, strange) = ([7u16; 1], [Some(f32::NAN), Some(1e9), Some(-5.0)]);
+        let (one, strange) = ([7u16; 1], [f32::NAN, 1e9, -5.0]);
         ridge.follow(&View::packed(&one, 1, 1).unwrap(), Axis::PerRow, &strange, &NOISE, &mut rows);
-        assert!(rows.iter().all(Option::is_none));
+        assert!(rows.position.iter().all(|p| p.is_nan()));
     }
 }

@@ -1,34 +1,33 @@
 //! The ridge put in place of what the filters found, with what they know of it: a skirt of haze, edges of brightness, speckle.
 
-use super::{Ridge, RidgePoint};
-use crate::Pixel;
-use crate::View;
+use fearless_simd::{Level, dispatch};
+
+use super::{CHUNK, Ridge, RidgePoints};
 use crate::profile::{Flags, Reject, Stripe};
+use crate::{Pixel, View};
 
 /// Lines to either side over which the ridge is compared with the filters' centres: haze is smooth along the stripe.
 const REACH: usize = 16;
 /// Lines that a comparison needs.
-const LEAST: u32 = 8;
+const LEAST: f64 = 8.0;
 /// Sigmas below which a difference is left alone; above, it is shrunk towards them (James and Stein).
 const SIGNIFICANT: f64 = 2.5;
 /// Lines, in widths, that share an edge of brightness through the kernel.
 const SHARED_WIDTHS: f32 = 1.5;
 
-/// Reused memory.
+/// Reused memory. Differences and sigmas have as many entries more on either side as a comparison reaches.
 #[derive(Debug, Default)]
 pub(super) struct Onto {
-    candidates: Vec<Option<f32>>,
-    points: Vec<Option<RidgePoint>>,
+    points: RidgePoints,
+    /// The filters' sigmas.
     sigma: Vec<f32>,
-    differences: Vec<Difference>,
-}
-
-/// The ridge's difference from the filters' centre on a line, px, by its weight, and the weight, 1/px²; nothing where there are not both.
-#[derive(Debug, Default, Clone, Copy)]
-struct Difference {
-    weighted: f64,
-    weight: f64,
-    lines: u32,
+    /// The ridge's difference from the filters' centre on each line, px, by its weight; the weight, 1/px²; 1 where there are both, else 0.
+    differences: [Vec<f64>; 3],
+    /// Mean difference over the neighbours, as far as it is more than chance, and what that leaves unsure, px.
+    shift: Vec<f64>,
+    unsure: Vec<f64>,
+    /// Least of the neighbours' sigmas.
+    least: Vec<f32>,
 }
 
 impl Ridge {
@@ -38,64 +37,109 @@ impl Ridge {
     /// A background that slopes, as haze puts under a stripe, shifts the ridge, whose kernel knows none; the filters take it out. The mean
     /// difference of the two over neighbouring lines is taken back where it is more than chance.
     pub fn replace<P: Pixel>(&mut self, image: &View<'_, P>, stripe: &mut Stripe) {
-        let Onto { mut candidates, mut points, mut sigma, mut differences } = std::mem::take(&mut self.onto);
-        candidates.clear();
-        candidates.extend(stripe.position_px.iter().map(|p| (!p.is_nan()).then_some(*p)));
-        self.follow(image, stripe.axis, &candidates, &stripe.noise, &mut points);
-        sigma.clear();
-        sigma.extend_from_slice(&stripe.sigma_px);
-        differences.clear();
-        differences.extend((0..points.len()).map(|i| difference(&points[i], candidates[i], sigma[i])));
-        for line in (0..points.len()).filter(|i| candidates[*i].is_some()) {
-            let Some(point) = &points[line] else {
-                if self.pools_at(line, points.len()) {
+        let mut onto = std::mem::take(&mut self.onto);
+        self.follow(image, stripe.axis, &stripe.position_px, &stripe.noise, &mut onto.points);
+        onto.compare(self.level, stripe);
+        let Onto { points, sigma, .. } = &onto;
+        let sigma = &sigma[REACH..];
+        let lines = stripe.len();
+        let edged = stripe.flags.iter().any(|flags| flags.contains(Flags::EDGE));
+        for line in 0..lines {
+            if stripe.position_px[line].is_nan() {
+                continue;
+            }
+            if points.position[line].is_nan() {
+                if self.pools_at(line, lines) {
                     stripe.drop_line(line, Reject::NotConverged);
                 }
                 continue;
-            };
-            let near = line.saturating_sub(REACH)..(line + REACH + 1).min(points.len());
-            let (shift, unsure) = offset(&differences[near.clone()]);
-            // NaN is not less.
-            let least = f64::from(sigma[near].iter().copied().fold(f32::INFINITY, f32::min));
-            let shared = (SHARED_WIDTHS * stripe.width_px[line].max(0.0)).ceil() as usize;
-            let edges = line.saturating_sub(shared)..(line + shared + 1).min(points.len());
-            let edge = edges
-                .filter(|i| stripe.flags[*i].contains(Flags::EDGE) && !sigma[*i].is_nan())
-                .map(|i| (f64::from(sigma[i]).powi(2) - least * least).max(0.0).sqrt())
-                .fold(0.0, f64::max);
+            }
+            let (shift, unsure) = (onto.shift[line], onto.unsure[line]);
+            let mut edge = 0.0;
+            if edged {
+                let shared = (SHARED_WIDTHS * stripe.width_px[line].max(0.0)).ceil() as usize;
+                let edges = line.saturating_sub(shared)..(line + shared + 1).min(lines);
+                edge = edges
+                    .filter(|i| stripe.flags[*i].contains(Flags::EDGE) && !sigma[*i].is_nan())
+                    .map(|i| f64::from(sigma[i]).powi(2) - f64::from(onto.least[line]).powi(2))
+                    .fold(0.0, f64::max);
+            }
             let speckle = f64::from(stripe.scatter_widths * stripe.width_px[line].max(0.0));
-            stripe.position_px[line] = (point.position - shift) as f32;
-            stripe.sigma_px[line] = point.sigma.hypot(unsure).hypot(edge).hypot(speckle) as f32;
-            stripe.amplitude[line] = point.amplitude as f32;
-            stripe.background[line] = point.background as f32;
+            let own = points.sigma[line];
+            stripe.position_px[line] = (points.position[line] - shift) as f32;
+            stripe.sigma_px[line] = (own * own + unsure * unsure + edge + speckle * speckle).sqrt() as f32;
+            stripe.amplitude[line] = points.amplitude[line] as f32;
+            stripe.background[line] = points.background[line] as f32;
         }
-        self.onto = Onto { candidates, points, sigma, differences };
+        self.onto = onto;
     }
 }
 
-fn difference(point: &Option<RidgePoint>, candidate: Option<f32>, sigma: f32) -> Difference {
-    let (Some(point), Some(centre), true) = (point, candidate, sigma > 0.0) else {
-        return Difference::default();
-    };
-    let weight = f64::from(sigma).powi(-2);
-    Difference { weighted: weight * (point.position - f64::from(centre)), weight, lines: 1 }
+impl Onto {
+    /// Compares the ridge with the filters' centres over neighbouring lines.
+    fn compare(&mut self, level: Level, stripe: &Stripe) {
+        let lines = stripe.len();
+        let chunks = lines.next_multiple_of(CHUNK);
+        for of in &mut self.differences {
+            of.clear();
+            of.resize(chunks + 2 * REACH, 0.0);
+        }
+        self.sigma.clear();
+        self.sigma.resize(chunks + 2 * REACH, f32::INFINITY);
+        self.sigma[REACH..][..lines].copy_from_slice(&stripe.sigma_px);
+        self.shift.resize(chunks, 0.0);
+        self.unsure.resize(chunks, 0.0);
+        self.least.resize(chunks, 0.0);
+        dispatch!(level, _simd => self.compare_here(&stripe.position_px));
+    }
+
+    #[inline(always)]
+    fn compare_here(&mut self, centres: &[f32]) {
+        let [weighted, weights, counts] = &mut self.differences;
+        let own = weighted[REACH..].iter_mut().zip(&mut weights[REACH..]).zip(&mut counts[REACH..]);
+        let sources = centres.iter().zip(&self.points.position).zip(&self.sigma[REACH..]);
+        for (((weighted, weight), count), ((centre, position), sigma)) in own.zip(sources) {
+            let difference = position - f64::from(*centre);
+            // NaN counts as nothing.
+            let told = (difference.abs() >= 0.0) & (*sigma > 0.0);
+            let by = if told { 1.0 / (f64::from(*sigma) * f64::from(*sigma)) } else { 0.0 };
+            (*weighted, *weight) = (if told { by * difference } else { 0.0 }, by);
+            *count = f64::from(u8::from(told));
+        }
+        let [weighted, weights, counts] = &self.differences;
+        for first in (0..self.shift.len()).step_by(CHUNK) {
+            let (sum, weight, count) = (near(weighted, first), near(weights, first), near(counts, first));
+            let (mut shift, mut unsure, mut least) = ([0.0; CHUNK], [0.0; CHUNK], [f32::INFINITY; CHUNK]);
+            for k in 0..=2 * REACH {
+                for (least, sigma) in least.iter_mut().zip(&self.sigma[first + k..][..CHUNK]) {
+                    // NaN is not less.
+                    *least = if *sigma < *least { *sigma } else { *least };
+                }
+            }
+            for l in 0..CHUNK {
+                let (mean, chance) = (sum[l] / weight[l], 1.0 / weight[l].sqrt());
+                let doubt = SIGNIFICANT * chance / mean;
+                let share = 1.0 - doubt * doubt;
+                let told = (count[l] >= LEAST) & (share > 0.0);
+                let (sure, rest) = (share * chance, (1.0 - share) * mean);
+                shift[l] = if told { share * mean } else { 0.0 };
+                unsure[l] = if told { (sure * sure + rest * rest).sqrt() } else { 0.0 };
+            }
+            self.shift[first..][..CHUNK].copy_from_slice(&shift);
+            self.unsure[first..][..CHUNK].copy_from_slice(&unsure);
+            self.least[first..][..CHUNK].copy_from_slice(&least);
+        }
+    }
 }
 
-/// Mean difference of the ridge from the filters' centres over some lines, as far as it is more than chance, and what that leaves unsure, px.
-fn offset(lines: &[Difference]) -> (f64, f64) {
-    let (mut sum, mut weights, mut count) = (0.0, 0.0, 0);
-    for line in lines {
-        sum += line.weighted;
-        weights += line.weight;
-        count += line.lines;
+/// Sums over the neighbours of a chunk's lines, a line's own entry being [`REACH`] further on.
+#[inline(always)]
+fn near(values: &[f64], first: usize) -> [f64; CHUNK] {
+    let mut sums = [0.0; CHUNK];
+    for k in 0..=2 * REACH {
+        for (sum, value) in sums.iter_mut().zip(&values[first + k..][..CHUNK]) {
+            *sum += value;
+        }
     }
-    if count < LEAST {
-        return (0.0, 0.0);
-    }
-    let (mean, chance) = (sum / weights, weights.sqrt().recip());
-    let share = (1.0 - (SIGNIFICANT * chance / mean).powi(2)).max(0.0);
-    if share.is_nan() || share <= 0.0 {
-        return (0.0, 0.0);
-    }
-    (share * mean, (share * chance).hypot((1.0 - share) * mean))
+    sums
 }
