@@ -1,6 +1,6 @@
 //! Any size, stride, content and setting, in 8 and 16 bits: no panic, and one consistent entry a line.
 //!
-//! `cargo +nightly fuzz run extract`, from the folder of the crate.
+//! `cargo fuzz run --sanitizer none extract`, from the folder of the crate.
 
 #![no_main]
 
