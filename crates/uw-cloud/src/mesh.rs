@@ -161,16 +161,8 @@ impl TriangleMesh {
     pub fn with_vertex_normals(mut self) -> Self {
         let mut sums = vec![Vector3::<f64>::zeros(); self.vertices_mm.len()];
         for (t, triangle) in self.triangles.iter().enumerate() {
-            let [a, b, c] = self.corners(t);
-            let sides = [b - a, c - b, a - c];
-            let Some(normal) = sides[0].cross(&sides[1]).try_normalize(0.0) else { continue };
-            let lengths = sides.map(|side| side.norm());
-            let angle = |from: usize, to: usize| {
-                let cosine = -sides[from].dot(&sides[to]) / (lengths[from] * lengths[to]);
-                arc_cosine(cosine.clamp(-1.0, 1.0))
-            };
-            let (first, second) = (angle(2, 0), angle(0, 1));
-            let angles = [first, second, (PI - first - second).max(0.0)];
+            let Some(normal) = self.area_vector(t).try_normalize(0.0) else { continue };
+            let angles = corner_angles(self.corners(t));
             for (&v, angle) in triangle.iter().zip(angles) {
                 sums[v as usize] += normal * angle;
             }
@@ -207,6 +199,18 @@ impl TriangleMesh {
             components: links.components(),
         }
     }
+}
+
+/// Returns a triangle's angles at its corners, rad, to 4e-8; of no meaning where it has no area.
+pub(crate) fn corner_angles([a, b, c]: [Vector3<f64>; 3]) -> [f64; 3] {
+    let sides = [b - a, c - b, a - c];
+    let lengths = sides.map(|side| side.norm());
+    let angle = |from: usize, to: usize| {
+        let cosine = -sides[from].dot(&sides[to]) / (lengths[from] * lengths[to]);
+        arc_cosine(cosine.clamp(-1.0, 1.0))
+    };
+    let (first, second) = (angle(2, 0), angle(0, 1));
+    [first, second, (PI - first - second).max(0.0)]
 }
 
 /// The arc cosine to 2e-8 rad, in a third of the library's time (M. Abramowitz, I. Stegun, 4.4.46).

@@ -2,7 +2,7 @@
 
 mod hit;
 
-use crate::mesh::{Links, NONE, TriangleMesh};
+use crate::mesh::{Links, NONE, TriangleMesh, corner_angles};
 use nalgebra::Vector3;
 
 /// Triangles in a leaf of the tree.
@@ -76,10 +76,10 @@ impl<'a> NearestOnMesh<'a> {
         let mut open_vertices = vec![false; vertices.len()];
         let mut edges = vec![Vector3::zeros(); 3 * faces.len()];
         for (t, corners) in mesh.triangles().iter().enumerate() {
-            let places = mesh.corners(t);
+            let angles = corner_angles(mesh.corners(t));
             for k in 0..3 {
-                let angle = (places[(k + 1) % 3] - places[k]).angle(&(places[(k + 2) % 3] - places[k]));
-                vertices[corners[k] as usize] += faces[t] * if angle.is_finite() { angle } else { 0.0 };
+                vertices[corners[k] as usize] +=
+                    faces[t] * if angles[k].is_finite() { angles[k] } else { 0.0 };
                 let twin = links.twins[3 * t + k];
                 edges[3 * t + k] = faces[t];
                 if twin == NONE {

@@ -148,6 +148,15 @@ impl Neighbours {
         (!self.is_empty()).then_some((best.distance2, best.index as usize))
     }
 
+    /// Returns the point nearest to a place, as (squared distance in mm², index), and how much farther the next one is, mm; `None` of no points.
+    pub(crate) fn nearest_by(&self, place_mm: &[f64; 3]) -> Option<(f64, usize, f64)> {
+        let mut best = [NOWHERE; 2];
+        self.nearest_two(self.whole(), place_mm, &mut best);
+        let [first, second] = best;
+        let farther = second.distance2.sqrt() - first.distance2.sqrt();
+        (!self.is_empty()).then_some((first.distance2, first.index as usize, farther))
+    }
+
     /// Returns the points within a distance of a place, as (squared distance in mm², index), in no order to rely on but always the same.
     pub fn within(&self, place_mm: &[f64; 3], reach_mm: f64) -> Vec<(f64, usize)> {
         let mut found = Vec::new();
@@ -340,6 +349,26 @@ impl Neighbours {
                 for near in self.seen(&part, place) {
                     if near.is_before(best) {
                         *best = near;
+                    }
+                }
+            }
+        }
+    }
+
+    fn nearest_two(&self, part: Part, place: &[f64; 3], best: &mut [Near; 2]) {
+        match self.halves(&part, place) {
+            Some((own, other)) => {
+                self.nearest_two(own, place, best);
+                if other.off2.iter().sum::<f64>() <= best[1].distance2 {
+                    self.nearest_two(other, place, best);
+                }
+            }
+            None => {
+                for near in self.seen(&part, place) {
+                    if near.is_before(&best[0]) {
+                        *best = [near, best[0]];
+                    } else if near.is_before(&best[1]) {
+                        best[1] = near;
                     }
                 }
             }
@@ -613,6 +642,10 @@ mod tests {
                     assert_eq!(tree.nearest(&place, count), nearest(&points, &place, count));
                 }
                 assert_eq!(tree.nearest_one(&place), nearest(&points, &place, 1).first().copied());
+                let two = nearest(&points, &place, 2);
+                let by = |two: &[(f64, usize)]| two.get(1).map_or(f64::INFINITY, |next| next.0.sqrt());
+                let told = two.first().map(|first| (first.0, first.1, by(&two) - first.0.sqrt()));
+                assert_eq!(tree.nearest_by(&place), told);
                 let mut within = tree.within(&place, 3.0);
                 within.sort_by_key(|near| near.1);
                 let all = nearest(&points, &place, points.len());
