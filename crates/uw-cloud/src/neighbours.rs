@@ -14,7 +14,7 @@ const LEAF: usize = 12;
 pub(crate) const MANY: usize = 50_000;
 
 /// Candidates of a leaf's neighbourhoods by the points of one, and half its length by what one is guessed to reach, from which on each point is asked for alone.
-const CROWDED: usize = 12;
+const CROWDED: usize = 32;
 const WIDE: f64 = 2.0;
 
 /// Distance from a leaf's middle in units of the typical one, beyond which a point is asked for alone: one astray would make the leaf long.

@@ -72,7 +72,7 @@ pub fn fit_plane(cloud: &PointCloud, options: &PlaneOptions) -> Result<PlaneFit,
         .ok_or(FitError::Undetermined { shape: Flat::NAME, noise_share: 1.0, allowed: 0.0 })?;
     let sensor = Vector3::from(options.sensor_mm);
     let surface = start.surface.facing(&(sensor - sample.centre));
-    Ok(result(fit::<Flat, 3>(surface, start.scatter_mm, &sample)?, &sample, &sensor))
+    Ok(result(fit::<Flat, 3>(&surface, start.scatter_mm, &sample)?, &sample, &sensor))
 }
 
 /// Returns the plane near a start that the given points of a checked cloud agree with, facing the sensor, and those points.
@@ -86,7 +86,7 @@ pub(crate) fn refit(
 ) -> Result<(PlaneFit, Vec<usize>), FitError> {
     let sample = Sample::of(cloud, indices, Flat::NAME, 3)?;
     let start = Flat::new(normal, anchor - sample.centre).facing(&(sensor - sample.centre));
-    let fitted = fit::<Flat, 3>(start, scatter_mm, &sample)?;
+    let fitted = fit::<Flat, 3>(&start, scatter_mm, &sample)?;
     let inliers = sample.indices(&fitted.inliers);
     Ok((result(fitted, &sample, sensor), inliers))
 }
