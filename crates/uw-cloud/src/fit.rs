@@ -236,6 +236,8 @@ fn settled<S: Surface<P>, const P: usize>(
     sample: &Sample,
 ) -> Result<Stand<S, P>, FitError> {
     let needed = P + usize::from(!sample.has_covariances);
+    // One piece of memory for all rounds: the system takes longer to give a new one than a round takes.
+    let mut feet: Vec<Feet<P>> = Vec::with_capacity(points.len());
     for round in 1.. {
         let count = inliers.iter().filter(|&&sound| sound).count();
         if count < needed {
@@ -245,7 +247,8 @@ fn settled<S: Surface<P>, const P: usize>(
             points.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(o, _)| *o).collect();
         surface = refine(surface, &sound, floor.used_mm, sample.resolution_mm)
             .ok_or(FitError::NotConverged { shape: S::NAME, iterations: MAX_ITERATIONS })?;
-        let feet: Vec<_> = points.iter().map(|o| Feet::of(&surface, o, floor.used_mm)).collect();
+        feet.clear();
+        feet.extend(points.iter().map(|o| Feet::of(&surface, o, floor.used_mm)));
         let kept: Vec<_> = feet.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(f, _)| f).collect();
         let residuals = || kept.iter().flat_map(|f| f.each());
         let mut accepted = scale_about_zero(residuals().map(Foot::distance));
