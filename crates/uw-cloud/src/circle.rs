@@ -84,7 +84,7 @@ pub fn fit_circle(cloud: &PointCloud, options: &CircleOptions) -> Result<CircleF
                 through_three(&sample.points(p)).map(FreeRing).into_iter().collect()
             })
             .ok_or_else(undetermined)?;
-            let fitted = fit::<FreeRing, 6>(start.surface, start.scatter_mm, &sample)?;
+            let fitted = fit::<FreeRing, 6>(&start.surface, start.scatter_mm, &sample)?;
             let (ring, covariance) = (fitted.surface.0, fitted.covariance);
             Ok(result(&ring, &covariance, fitted.deviations, fitted.influence, &sample, options))
         }
@@ -95,7 +95,7 @@ pub fn fit_circle(cloud: &PointCloud, options: &CircleOptions) -> Result<CircleF
                 through_three(&sample.points(p)).map(known).into_iter().collect()
             })
             .ok_or_else(undetermined)?;
-            let fitted = fit::<KnownRing, 5>(start.surface, start.scatter_mm, &sample)?;
+            let fitted = fit::<KnownRing, 5>(&start.surface, start.scatter_mm, &sample)?;
             let mut covariance = SMatrix::<f64, 6, 6>::zeros();
             covariance.fixed_view_mut::<5, 5>(0, 0).copy_from(&fitted.covariance);
             let mut widened = DMatrix::zeros(6, 5);

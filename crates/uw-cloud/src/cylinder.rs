@@ -92,7 +92,7 @@ pub fn fit_cylinder(cloud: &PointCloud, options: &CylinderOptions) -> Result<Cyl
                 consensus(&sample, search, |p| oriented.through_two(p).into_iter().map(FreeTube).collect())
                     .ok_or_else(|| undetermined(FreeTube::NAME))?;
             Ok(free_result(
-                fit::<FreeTube, 5>(FreeTube(start.surface.0.centred()), start.scatter_mm, &sample)?,
+                fit::<FreeTube, 5>(&FreeTube(start.surface.0.centred()), start.scatter_mm, &sample)?,
                 &sample,
             ))
         }
@@ -103,7 +103,7 @@ pub fn fit_cylinder(cloud: &PointCloud, options: &CylinderOptions) -> Result<Cyl
             let start = consensus(&sample, search, |p| oriented.through_two_of(p, radius))
                 .ok_or_else(|| undetermined(KnownTube::NAME))?;
             let start_surface = KnownTube(start.surface.0.centred());
-            let fitted = fit::<KnownTube, 4>(start_surface, start.scatter_mm, &sample)?;
+            let fitted = fit::<KnownTube, 4>(&start_surface, start.scatter_mm, &sample)?;
             let mut widened = DMatrix::zeros(5, 4);
             widened.fill_diagonal(1.0);
             let mut covariance = SMatrix::<f64, 5, 5>::zeros();
@@ -130,7 +130,7 @@ pub(crate) fn refit(
 ) -> Result<(CylinderFit, Vec<usize>), FitError> {
     let sample = Sample::of(cloud, indices, FreeTube::NAME, 5)?;
     let start = FreeTube(Tube { anchor: anchor - sample.centre, axis, radius }.centred());
-    let fitted = fit::<FreeTube, 5>(start, scatter_mm, &sample)?;
+    let fitted = fit::<FreeTube, 5>(&start, scatter_mm, &sample)?;
     let inliers = sample.indices(&fitted.inliers);
     Ok((free_result(fitted, &sample), inliers))
 }

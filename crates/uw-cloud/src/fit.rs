@@ -50,8 +50,8 @@ const MAX_ROUNDS: usize = 30;
 const BLOCK: usize = 32;
 const LEAST_BLOCKS: usize = 30;
 
-/// Points that a fit of more than twice as many begins with.
-const PREPARED: usize = 3000;
+/// Points that a fit of more than twice as many begins with, and goes on with: then all of them take one round or two.
+const PREPARED: [usize; 2] = [3000, 60_000];
 
 /// Change of the floor's logarithm that no longer matters: less than a step of its search.
 const FLOOR_TOLERANCE: f64 = 0.2;
@@ -184,9 +184,9 @@ struct Stand<S, const P: usize> {
 /// Returns the maximum-likelihood surface for the points that agree with it, beginning at a start whose points
 /// scatter by `scatter_mm`.
 ///
-/// Of many points every so many-th brings it near first: the rest then takes few rounds.
+/// Of many points every so many-th brings it near first, and more of them nearer: the rest then takes few rounds.
 pub(crate) fn fit<S: Surface<P>, const P: usize>(
-    start: S,
+    start: &S,
     scatter_mm: f64,
     sample: &Sample,
 ) -> Result<Fitted<S, P>, FitError> {
@@ -197,29 +197,26 @@ pub(crate) fn fit<S: Surface<P>, const P: usize>(
     let first = Floor { likely_mm: first, used_mm: first, scale: 1.0 };
     let near =
         |points: &[&Observation]| points.iter().map(|o| start.distance(&o.point).abs() <= reach).collect();
-    let few: Vec<&Observation> = all.iter().step_by(all.len().div_ceil(PREPARED).max(1)).collect();
-    let prepared = (all.len() >= 2 * PREPARED)
-        .then(|| settled(start.clone(), first, near(&few), &few, limit, sample).ok())
-        .flatten();
-    let whole: Vec<&Observation> = all.iter().collect();
-    let stand = match prepared {
-        Some(Stand { surface, floor, inliers, feet }) => {
-            let accepted = scale_about_zero(
-                feet.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(f, _)| f.distance()),
-            );
-            let accepted = if sample.has_covariances { accepted.max(1.0) } else { accepted };
-            let sound = |o: &&Observation| {
-                let foot = Feet::of(&surface, o, floor.used_mm);
-                foot.distance() <= limit * accepted || foot.residual_mm() <= sample.resolution_mm
-            };
-            let inliers = whole.iter().map(sound).collect();
-            settled(surface, floor, inliers, &whole, limit, sample)
-        }
-        None => {
-            let inliers = near(&whole);
-            settled(start, first, inliers, &whole, limit, sample)
-        }
+    let from = |before: Option<Stand<S, P>>, points: &[&Observation]| {
+        let Some(Stand { surface, floor, inliers, feet }) = before else {
+            return settled(start.clone(), first, near(points), points, limit, sample);
+        };
+        let sound = feet.iter().zip(&inliers).filter(|(_, sound)| **sound);
+        let accepted = scale_about_zero(sound.map(|(f, _)| f.distance()));
+        let accepted = if sample.has_covariances { accepted.max(1.0) } else { accepted };
+        let sound = |o: &&Observation| {
+            let foot = Feet::of(&surface, o, floor.used_mm);
+            foot.distance() <= limit * accepted || foot.residual_mm() <= sample.resolution_mm
+        };
+        let inliers = points.iter().map(sound).collect();
+        settled(surface, floor, inliers, points, limit, sample)
     };
+    let mut prepared = None;
+    for count in PREPARED.into_iter().filter(|count| all.len() >= 2 * count) {
+        let few: Vec<&Observation> = all.iter().step_by(all.len().div_ceil(count)).collect();
+        prepared = from(prepared, &few).ok();
+    }
+    let stand = from(prepared, &all.iter().collect::<Vec<_>>());
     let Stand { surface, floor, inliers, feet } = stand?;
     let inliers: Vec<usize> = (0..all.len()).filter(|&i| inliers[i]).collect();
     let (covariance, influence) = covariance(&surface, sample, &feet, &inliers, floor)?;
@@ -239,6 +236,8 @@ fn settled<S: Surface<P>, const P: usize>(
     sample: &Sample,
 ) -> Result<Stand<S, P>, FitError> {
     let needed = P + usize::from(!sample.has_covariances);
+    // One piece of memory for all rounds: the system takes longer to give a new one than a round takes.
+    let mut feet: Vec<Feet<P>> = Vec::with_capacity(points.len());
     for round in 1.. {
         let count = inliers.iter().filter(|&&sound| sound).count();
         if count < needed {
@@ -248,7 +247,8 @@ fn settled<S: Surface<P>, const P: usize>(
             points.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(o, _)| *o).collect();
         surface = refine(surface, &sound, floor.used_mm, sample.resolution_mm)
             .ok_or(FitError::NotConverged { shape: S::NAME, iterations: MAX_ITERATIONS })?;
-        let feet: Vec<_> = points.iter().map(|o| Feet::of(&surface, o, floor.used_mm)).collect();
+        feet.clear();
+        feet.extend(points.iter().map(|o| Feet::of(&surface, o, floor.used_mm)));
         let kept: Vec<_> = feet.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(f, _)| f).collect();
         let residuals = || kept.iter().flat_map(|f| f.each());
         let mut accepted = scale_about_zero(residuals().map(Foot::distance));
@@ -333,7 +333,7 @@ pub(crate) fn rival<S: Surface<P>, const P: usize>(
         return None;
     }
     let nearness = |surface: &S| scale_about_zero(all.iter().map(|o| surface.distance(&o.point)));
-    let other = fit(start, fitted.deviations.rms_mm, sample).ok()?;
+    let other = fit(&start, fitted.deviations.rms_mm, sample).ok()?;
     // Both in the floor and the scale of the one that is nearer to most points: a bad fit forgives too much.
     let nearer = if nearness(&other.surface) < nearness(&fitted.surface) { &other } else { fitted };
     let difference = worse(&other.surface, nearer.floor);

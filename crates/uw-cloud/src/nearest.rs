@@ -2,8 +2,9 @@
 
 mod hit;
 
-use crate::mesh::{Links, NONE, TriangleMesh};
+use crate::mesh::{Links, NONE, TriangleMesh, corner_angles};
 use nalgebra::Vector3;
+use std::sync::OnceLock;
 
 /// Triangles in a leaf of the tree.
 const LEAF: usize = 4;
@@ -16,12 +17,17 @@ pub struct NearestOnMesh<'a> {
     nodes: Vec<Node>,
     /// Unit normals of the triangles.
     faces: Vec<Vector3<f64>>,
-    /// Pseudonormals of the edges, three a triangle, and of the vertices.
-    edges: Vec<Vector3<f64>>,
-    vertices: Vec<Vector3<f64>>,
+    /// Made when a side is asked for first: a sweep's points are laid onto other points, and only its faces' places are.
+    sides: OnceLock<Sides>,
     links: Links,
     /// Edges of one triangle, of three or more, or of two that disagree; and vertices on such an edge.
     open_vertices: Vec<bool>,
+}
+
+/// Pseudonormals of the edges, three a triangle, and of the vertices.
+struct Sides {
+    edges: Vec<Vector3<f64>>,
+    vertices: Vec<Vector3<f64>>,
 }
 
 struct Node {
@@ -72,22 +78,11 @@ impl<'a> NearestOnMesh<'a> {
             return None;
         }
         let links = Links::new(mesh.triangles(), mesh.vertices_mm().len());
-        let mut vertices = vec![Vector3::zeros(); mesh.vertices_mm().len()];
-        let mut open_vertices = vec![false; vertices.len()];
-        let mut edges = vec![Vector3::zeros(); 3 * faces.len()];
+        let mut open_vertices = vec![false; mesh.vertices_mm().len()];
         for (t, corners) in mesh.triangles().iter().enumerate() {
-            let places = mesh.corners(t);
-            for k in 0..3 {
-                let angle = (places[(k + 1) % 3] - places[k]).angle(&(places[(k + 2) % 3] - places[k]));
-                vertices[corners[k] as usize] += faces[t] * if angle.is_finite() { angle } else { 0.0 };
-                let twin = links.twins[3 * t + k];
-                edges[3 * t + k] = faces[t];
-                if twin == NONE {
-                    open_vertices[corners[k] as usize] = true;
-                    open_vertices[corners[(k + 1) % 3] as usize] = true;
-                } else {
-                    edges[3 * t + k] += faces[twin as usize / 3];
-                }
+            for k in (0..3).filter(|k| links.twins[3 * t + k] == NONE) {
+                open_vertices[corners[k] as usize] = true;
+                open_vertices[corners[(k + 1) % 3] as usize] = true;
             }
         }
         let mut nodes = Vec::with_capacity(2 * order.len() / LEAF + 1);
@@ -98,7 +93,7 @@ impl<'a> NearestOnMesh<'a> {
             })
             .collect();
         split(&boxes, &mut order, 0, &mut nodes);
-        Some(Self { mesh, order, nodes, faces, edges, vertices, links, open_vertices })
+        Some(Self { mesh, order, nodes, faces, sides: OnceLock::new(), links, open_vertices })
     }
 
     /// Returns the mesh.
@@ -159,6 +154,27 @@ impl<'a> NearestOnMesh<'a> {
         best
     }
 
+    fn sides(&self) -> &Sides {
+        let Self { mesh, faces, links, .. } = self;
+        self.sides.get_or_init(|| {
+            let mut vertices = vec![Vector3::zeros(); mesh.vertices_mm().len()];
+            let mut edges = vec![Vector3::zeros(); 3 * faces.len()];
+            for (t, corners) in mesh.triangles().iter().enumerate() {
+                let angles = corner_angles(mesh.corners(t));
+                for k in 0..3 {
+                    let angle = if angles[k].is_finite() { angles[k] } else { 0.0 };
+                    vertices[corners[k] as usize] += faces[t] * angle;
+                    edges[3 * t + k] = faces[t];
+                    let twin = links.twins[3 * t + k];
+                    if twin != NONE {
+                        edges[3 * t + k] += faces[twin as usize / 3];
+                    }
+                }
+            }
+            Sides { edges, vertices }
+        })
+    }
+
     /// What is to be said of a point that was found.
     fn told(
         &self,
@@ -169,8 +185,8 @@ impl<'a> NearestOnMesh<'a> {
         let corner = |k: usize| self.mesh.triangles()[t][k] as usize;
         let (normal, on_border) = match part {
             Part::Face => (self.faces[t], false),
-            Part::Edge(k) => (self.edges[3 * t + k], self.links.twins[3 * t + k] == NONE),
-            Part::Corner(k) => (self.vertices[corner(k)], self.open_vertices[corner(k)]),
+            Part::Edge(k) => (self.sides().edges[3 * t + k], self.links.twins[3 * t + k] == NONE),
+            Part::Corner(k) => (self.sides().vertices[corner(k)], self.open_vertices[corner(k)]),
         };
         let normal = normal.try_normalize(0.0).unwrap_or(self.faces[t]);
         let distance = square.sqrt();

@@ -13,8 +13,12 @@ const LEAF: usize = 12;
 /// Points from which on work is shared among threads.
 pub(crate) const MANY: usize = 50_000;
 
-/// Candidates of a leaf's neighbourhoods by the points of one, from which on each point is asked for alone: one astray makes the leaf long.
-const CROWDED: usize = 40;
+/// Candidates of a leaf's neighbourhoods by the points of one, and half its length by what one is guessed to reach, from which on each point is asked for alone.
+const CROWDED: usize = 32;
+const WIDE: f64 = 2.0;
+
+/// Distance from a leaf's middle in units of the typical one, beyond which a point is asked for alone: one astray would make the leaf long.
+const ASTRAY: f64 = 2.0;
 
 /// A k-d tree over a cloud's positions.
 pub struct Neighbours {
@@ -144,6 +148,15 @@ impl Neighbours {
         (!self.is_empty()).then_some((best.distance2, best.index as usize))
     }
 
+    /// Returns the point nearest to a place, as (squared distance in mm², index), and how much farther the next one is, mm; `None` of no points.
+    pub(crate) fn nearest_by(&self, place_mm: &[f64; 3]) -> Option<(f64, usize, f64)> {
+        let mut best = [NOWHERE; 2];
+        self.nearest_two(self.whole(), place_mm, &mut best);
+        let [first, second] = best;
+        let farther = second.distance2.sqrt() - first.distance2.sqrt();
+        (!self.is_empty()).then_some((first.distance2, first.index as usize, farther))
+    }
+
     /// Returns the points within a distance of a place, as (squared distance in mm², index), in no order to rely on but always the same.
     pub fn within(&self, place_mm: &[f64; 3], reach_mm: f64) -> Vec<(f64, usize)> {
         let mut found = Vec::new();
@@ -212,50 +225,61 @@ impl Neighbours {
             return;
         }
         let count = count.min(self.len());
-        let middle = middle(leaf);
-        let half = leaf.iter().map(|site| square(&site.at, &middle)).fold(0.0, f64::max).sqrt();
-        let Scratch { best, candidates, near, distances2 } = scratch;
-        self.nearest_into(&middle, count, best);
-        // So many are within this of the middle; a point half away has as many within half more, and they are within another half of the middle.
-        let own = best.last().map_or(0.0, |last| last.distance2.sqrt());
-        let reach = (own + 2.0 * half) * ROUNDED_UP;
-        candidates.clear();
-        self.each_within(self.whole(), &middle, reach * reach, &mut |near| {
-            candidates.push(self.sites[near.slot as usize]);
-        });
-        let crowded = candidates.len() > CROWDED * count.max(8);
+        let (middle, half) = bulk(leaf);
+        let wide = scratch.guess > 0.0 && half > WIDE * scratch.guess;
+        let own = if wide { 0.0 } else { self.gather(&middle, half, count, scratch) };
+        let Scratch { best, candidates, near, distances2, guess, .. } = scratch;
+        let alone = wide || candidates.len() > CROWDED * count.max(8);
+        if !alone {
+            *guess = GUESSED_MORE * own;
+        }
         let (mut bound, mut previous) = (f64::INFINITY, middle);
         for (site, told) in leaf.iter().zip(told).filter(|(_, told)| told.is_none()) {
-            if crowded {
+            near.clear();
+            distances2.clear();
+            let arm = square(&site.at, &middle).sqrt();
+            if alone || arm > half {
                 self.nearest_into(&site.at, count, best);
+                near.extend(best.iter().map(|near| self.sites[near.slot as usize].at));
+                distances2.extend(best.iter().map(|near| near.distance2));
             } else {
                 // What was found for the point before bounds it as well.
-                let arm = square(&site.at, &middle).sqrt();
                 let bounds = (own + arm).min(bound + square(&site.at, &previous).sqrt()) * ROUNDED_UP;
-                let bounds2 = bounds * bounds;
-                // Each is written where the next one that is near enough belongs: no branch has to be guessed.
-                best.resize(candidates.len(), NOWHERE);
-                let mut enough = 0;
-                for (candidate, slot) in candidates.iter().zip(0..) {
-                    let distance2 = square(&site.at, &candidate.at);
-                    best[enough] = Near { distance2, index: candidate.index, slot };
-                    enough += usize::from(distance2 <= bounds2);
-                }
-                best.truncate(enough);
-                if best.len() > count {
-                    best.select_nth_unstable_by(count - 1, Near::order);
-                    best.truncate(count);
-                }
+                candidates.nearest(&site.at, count, bounds, (bounds + arm) * ROUNDED_UP);
+                near.extend(candidates.found.iter().map(|&(_, slot)| candidates.at(slot)));
+                distances2.extend(candidates.found.iter().map(|&(distance2, _)| distance2));
             }
-            let places: &[Site] = if crowded { &self.sites } else { candidates };
-            near.clear();
-            near.extend(best.iter().map(|near| places[near.slot as usize].at));
-            distances2.clear();
-            distances2.extend(best.iter().map(|near| near.distance2));
             bound = distances2.iter().copied().fold(0.0, f64::max).sqrt();
             previous = site.at;
             *told = of(&Hood { place: site.at, near, distances2 });
         }
+    }
+
+    /// Gathers what may be among the nearest of any place up to `half` away from a middle, and returns within what distance of the middle there are `count` points.
+    ///
+    /// A place half away has as many within half more, and these are within another half of the middle. How far it is, the leaf before lets guess.
+    fn gather(&self, middle: &[f64; 3], half: f64, count: usize, scratch: &mut Scratch) -> f64 {
+        let Scratch { best, candidates, ranges, guess, .. } = scratch;
+        let mut take = |own: f64| {
+            let reach = (own + 2.0 * half) * ROUNDED_UP;
+            ranges.clear();
+            self.each_leaf_within(self.whole(), middle, reach * reach, &mut |from, to| {
+                ranges.push((from, to));
+            });
+            candidates.all.clear();
+            for &(from, to) in ranges.iter() {
+                candidates.all.extend_from_slice(&self.sites[from..to]);
+            }
+            candidates.arrange(middle, reach);
+            candidates.radius_of(count).filter(|radius| *radius <= own)
+        };
+        let guessed = if *guess > 0.0 { take(*guess) } else { None };
+        guessed.unwrap_or_else(|| {
+            self.nearest_into(middle, count, best);
+            let exact = best.last().map_or(0.0, |last| last.distance2.sqrt()) * ROUNDED_UP;
+            take(exact);
+            exact
+        })
     }
 
     fn whole(&self) -> Part {
@@ -331,15 +355,49 @@ impl Neighbours {
         }
     }
 
-    fn each_within(&self, part: Part, place: &[f64; 3], reach2: f64, found: &mut impl FnMut(Near)) {
+    fn nearest_two(&self, part: Part, place: &[f64; 3], best: &mut [Near; 2]) {
         match self.halves(&part, place) {
             Some((own, other)) => {
-                self.each_within(own, place, reach2, found);
-                if other.off2.iter().sum::<f64>() <= reach2 {
-                    self.each_within(other, place, reach2, found);
+                self.nearest_two(own, place, best);
+                if other.off2.iter().sum::<f64>() <= best[1].distance2 {
+                    self.nearest_two(other, place, best);
                 }
             }
-            None => self.seen(&part, place).filter(|near| near.distance2 <= reach2).for_each(found),
+            None => {
+                for near in self.seen(&part, place) {
+                    if near.is_before(&best[0]) {
+                        *best = [near, best[0]];
+                    } else if near.is_before(&best[1]) {
+                        best[1] = near;
+                    }
+                }
+            }
+        }
+    }
+
+    fn each_within(&self, part: Part, place: &[f64; 3], reach2: f64, found: &mut impl FnMut(Near)) {
+        self.each_leaf_within(part, place, reach2, &mut |from, to| {
+            let seen = self.seen(&Part { from, to, ..part }, place);
+            seen.filter(|near| near.distance2 <= reach2).for_each(&mut *found);
+        });
+    }
+
+    /// Visits the leaves whose part of space is within reach of a place.
+    fn each_leaf_within(
+        &self,
+        part: Part,
+        place: &[f64; 3],
+        reach2: f64,
+        found: &mut impl FnMut(usize, usize),
+    ) {
+        match self.halves(&part, place) {
+            Some((own, other)) => {
+                self.each_leaf_within(own, place, reach2, found);
+                if other.off2.iter().sum::<f64>() <= reach2 {
+                    self.each_leaf_within(other, place, reach2, found);
+                }
+            }
+            None => found(part.from, part.to),
         }
     }
 }
@@ -350,19 +408,154 @@ const NOWHERE: Near = Near { distance2: f64::INFINITY, index: u32::MAX, slot: 0 
 /// A bound of a few sums and roots, rounded up.
 const ROUNDED_UP: f64 = 1.0 + 1e-12;
 
+/// By how much more than the leaf before a leaf's neighbourhoods are guessed to reach: where that is too little, they are looked for.
+const GUESSED_MORE: f64 = 1.15;
+
 /// What one leaf after the other is worked on in.
 #[derive(Default)]
 struct Scratch {
     best: Vec<Near>,
-    candidates: Vec<Site>,
+    ranges: Vec<(usize, usize)>,
+    candidates: Candidates,
     near: Vec<[f64; 3]>,
     distances2: Vec<f64>,
+    guess: f64,
+}
+
+/// Rings of one area about a leaf's middle, in whose order candidates lie.
+const RINGS: usize = 32;
+
+/// Equal parts of squared distances, among which the last neighbour's is looked for: of points on a surface each has as many.
+const PARTS: usize = 64;
+
+/// Returns the nearest of the numbers from nought to 63 to a number that is no larger, and nought for what is no number: in two instructions, by where a large number's digits end.
+#[inline]
+fn rounded(number: f64) -> usize {
+    const ENDS_AT_ONE: f64 = (1_u64 << 52) as f64;
+    ((number + ENDS_AT_ONE).to_bits() & 63) as usize
+}
+
+/// Points near a leaf's middle, by rings about it; coordinates side by side, so that several distances are taken at once.
+#[derive(Default)]
+struct Candidates {
+    /// What was gathered, and then in the order of rings.
+    all: Vec<Site>,
+    rings: Vec<u8>,
+    coordinates: [Vec<f64>; 3],
+    indices: Vec<u32>,
+    /// Where each ring ends.
+    ends: Vec<usize>,
+    rings_by_distance2: f64,
+    /// Squared distances from the place that was asked for last; those that come into question with their slots; what may be last among the nearest, and these.
+    distances2: Vec<f64>,
+    close: Vec<(f64, u32)>,
+    last: Vec<Near>,
+    found: Vec<(f64, u32)>,
+}
+
+impl Candidates {
+    fn len(&self) -> usize {
+        self.ends.get(RINGS - 1).copied().unwrap_or(0)
+    }
+
+    fn at(&self, slot: u32) -> [f64; 3] {
+        self.coordinates.each_ref().map(|list| list[slot as usize])
+    }
+
+    /// The ring that a squared distance from the middle lies in; one more than there are of what lies beyond.
+    #[inline]
+    fn ring(distance2: f64, rings_by_distance2: f64) -> usize {
+        let ring = distance2 * rings_by_distance2;
+        rounded(if ring > RINGS as f64 { RINGS as f64 } else { ring })
+    }
+
+    /// Puts what was gathered in the order of rings, and leaves out what is not within reach of a middle.
+    fn arrange(&mut self, middle: &[f64; 3], reach: f64) {
+        // Half a ring less, for rounding; infinite where all are in one place, and they in the first ring, as nought times that is no number.
+        let scale = (RINGS as f64 - 0.5) / (reach * reach);
+        self.rings_by_distance2 = scale;
+        let mut starts = [0; RINGS + 2];
+        self.rings.clear();
+        self.rings.extend(self.all.iter().map(|site| Self::ring(square(&site.at, middle), scale) as u8));
+        self.rings.iter().for_each(|&ring| starts[usize::from(ring) + 1] += 1);
+        (0..=RINGS).for_each(|ring| starts[ring + 1] += starts[ring]);
+        self.ends.clear();
+        self.ends.extend(&starts[1..=RINGS]);
+        let count = self.all.len();
+        let [xs, ys, zs] = &mut self.coordinates;
+        for list in [&mut *xs, &mut *ys, &mut *zs] {
+            list.resize(count, 0.0);
+        }
+        self.indices.resize(count, 0);
+        let (xs, ys, zs, indices) =
+            (&mut xs[..count], &mut ys[..count], &mut zs[..count], &mut self.indices[..count]);
+        for (site, &ring) in self.all.iter().zip(&self.rings) {
+            let next = &mut starts[usize::from(ring)];
+            let slot = *next;
+            *next += 1;
+            [xs[slot], ys[slot], zs[slot]] = site.at;
+            indices[slot] = site.index;
+        }
+    }
+
+    /// Returns within what distance of the middle there are so many; `None` where there are not.
+    fn radius_of(&self, count: usize) -> Option<f64> {
+        let ring = self.ends.iter().position(|end| *end >= count)?;
+        Some(((ring as f64 + 0.5) / self.rings_by_distance2).sqrt() * ROUNDED_UP)
+    }
+
+    /// Finds the `count` candidates nearest to a place, which are all within a bound of it, and within another one of the middle.
+    fn nearest(&mut self, place: &[f64; 3], count: usize, bound: f64, of_middle: f64) {
+        let end = self.ends[Self::ring(of_middle * of_middle, self.rings_by_distance2).min(RINGS - 1)];
+        let [xs, ys, zs] = self.coordinates.each_ref().map(|list| &list[..end]);
+        self.distances2.clear();
+        let places = xs.iter().zip(ys).zip(zs);
+        self.distances2.extend(places.map(|((x, y), z)| square(&[*x, *y, *z], place)));
+        // Each is written where the next one that is near enough belongs: no branch has to be guessed.
+        let bound2 = bound * bound;
+        self.close.resize(end, (0.0, 0));
+        let mut close = 0;
+        for (&distance2, slot) in self.distances2.iter().zip(0..) {
+            self.close[close] = (distance2, slot);
+            close += usize::from(distance2 <= bound2);
+        }
+        let close = &self.close[..close];
+        self.found.clear();
+        if close.len() <= count {
+            return self.found.extend_from_slice(close);
+        }
+        let scale = (PARTS - 1) as f64 / bound2;
+        let mut counts = [0_u32; PARTS];
+        close.iter().for_each(|(distance2, _)| counts[rounded(distance2 * scale)] += 1);
+        let (mut last, mut nearer) = (0, 0);
+        while last < PARTS - 1 && nearer + (counts[last] as usize) < count {
+            nearer += counts[last] as usize;
+            last += 1;
+        }
+        self.last.clear();
+        self.found.resize(close.len(), (0.0, 0));
+        let mut found = 0;
+        for &(distance2, slot) in close {
+            let own = rounded(distance2 * scale);
+            self.found[found] = (distance2, slot);
+            found += usize::from(own < last);
+            if own == last {
+                self.last.push(Near { distance2, index: self.indices[slot as usize], slot });
+            }
+        }
+        self.found.truncate(found);
+        let more = count - found;
+        if more < self.last.len() {
+            self.last.select_nth_unstable_by(more - 1, Near::order);
+        }
+        self.found.extend(self.last[..more].iter().map(|near| (near.distance2, near.slot)));
+    }
 }
 
 /// Puts points in the order of leaves, and fills the branches' cuts, by level.
 fn halve(sites: &mut [Site], mut levels: Vec<&mut [Cut]>) {
     let Some((cut, _)) = levels.first_mut().and_then(|own| own.split_first_mut()) else { return };
-    let (low, high) = corners(sites);
+    let (low, high) = corners(sites.iter());
     let side = |axis: usize| high[axis] - low[axis];
     let axis = (1..3).fold(0, |longest, axis| if side(axis) > side(longest) { axis } else { longest });
     let middle = sites.len() / 2;
@@ -385,15 +578,26 @@ fn halve(sites: &mut [Site], mut levels: Vec<&mut [Cut]>) {
     }
 }
 
-fn corners(sites: &[Site]) -> ([f64; 3], [f64; 3]) {
-    sites.iter().fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(low, high), site| {
+fn corners<'a>(sites: impl Iterator<Item = &'a Site>) -> ([f64; 3], [f64; 3]) {
+    sites.fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(low, high), site| {
         (std::array::from_fn(|k| low[k].min(site.at[k])), std::array::from_fn(|k| high[k].max(site.at[k])))
     })
 }
 
-fn middle(sites: &[Site]) -> [f64; 3] {
-    let (low, high) = corners(sites);
-    std::array::from_fn(|k| 0.5 * (low[k] + high[k]))
+/// Returns the middle of a leaf's points, and how far they are from it at most, those that are astray aside.
+fn bulk(leaf: &[Site]) -> ([f64; 3], f64) {
+    let mut values = [0.0; LEAF];
+    let mut typical = |of: &dyn Fn(&Site) -> f64| {
+        let values = &mut values[..leaf.len()];
+        values.iter_mut().zip(leaf).for_each(|(value, site)| *value = of(site));
+        *values.select_nth_unstable_by(leaf.len() / 2, f64::total_cmp).1
+    };
+    let rough: [f64; 3] = std::array::from_fn(|k| typical(&|site| site.at[k]));
+    let limit = ASTRAY * ASTRAY * typical(&|site| square(&site.at, &rough));
+    let own = || leaf.iter().filter(|site| square(&site.at, &rough) <= limit);
+    let (low, high) = corners(own());
+    let middle = std::array::from_fn(|k| 0.5 * (low[k] + high[k]));
+    (middle, own().map(|site| square(&site.at, &middle)).fold(0.0, f64::max).sqrt())
 }
 
 #[inline]
@@ -438,6 +642,10 @@ mod tests {
                     assert_eq!(tree.nearest(&place, count), nearest(&points, &place, count));
                 }
                 assert_eq!(tree.nearest_one(&place), nearest(&points, &place, 1).first().copied());
+                let two = nearest(&points, &place, 2);
+                let by = |two: &[(f64, usize)]| two.get(1).map_or(f64::INFINITY, |next| next.0.sqrt());
+                let told = two.first().map(|first| (first.0, first.1, by(&two) - first.0.sqrt()));
+                assert_eq!(tree.nearest_by(&place), told);
                 let mut within = tree.within(&place, 3.0);
                 within.sort_by_key(|near| near.1);
                 let all = nearest(&points, &place, points.len());

@@ -72,7 +72,7 @@ pub fn fit_plane(cloud: &PointCloud, options: &PlaneOptions) -> Result<PlaneFit,
         .ok_or(FitError::Undetermined { shape: Flat::NAME, noise_share: 1.0, allowed: 0.0 })?;
     let sensor = Vector3::from(options.sensor_mm);
     let surface = start.surface.facing(&(sensor - sample.centre));
-    Ok(result(fit::<Flat, 3>(surface, start.scatter_mm, &sample)?, &sample, &sensor))
+    Ok(result(fit::<Flat, 3>(&surface, start.scatter_mm, &sample)?, &sample, &sensor))
 }
 
 /// Returns the plane near a start that the given points of a checked cloud agree with, facing the sensor, and those points.
@@ -85,8 +85,8 @@ pub(crate) fn refit(
     sensor: &Vector3<f64>,
 ) -> Result<(PlaneFit, Vec<usize>), FitError> {
     let sample = Sample::of(cloud, indices, Flat::NAME, 3)?;
-    let start = Flat { normal, anchor: anchor - sample.centre }.facing(&(sensor - sample.centre));
-    let fitted = fit::<Flat, 3>(start, scatter_mm, &sample)?;
+    let start = Flat::new(normal, anchor - sample.centre).facing(&(sensor - sample.centre));
+    let fitted = fit::<Flat, 3>(&start, scatter_mm, &sample)?;
     let inliers = sample.indices(&fitted.inliers);
     Ok((result(fitted, &sample, sensor), inliers))
 }
@@ -134,11 +134,12 @@ fn result(mut fitted: Fitted<Flat, 3>, sample: &Sample, sensor: &Vector3<f64>) -
 struct Flat {
     normal: Unit<Vector3<f64>>,
     anchor: Vector3<f64>,
+    tangents: [Vector3<f64>; 2],
 }
 
 impl Flat {
-    fn tangents(&self) -> [Vector3<f64>; 2] {
-        square_to(&self.normal)
+    fn new(normal: Unit<Vector3<f64>>, anchor: Vector3<f64>) -> Self {
+        Self { normal, anchor, tangents: square_to(&normal) }
     }
 
     /// Returns the plane with its normal on the side of a point.
@@ -147,13 +148,13 @@ impl Flat {
     }
 
     fn flipped(&self) -> Self {
-        Self { normal: -self.normal, ..*self }
+        Self::new(-self.normal, self.anchor)
     }
 
     /// Returns the derivatives of (n, d) in the cloud's frame by the parameters.
     fn jacobian(&self, centre: &Vector3<f64>) -> SMatrix<f64, 4, 3> {
         let mut jacobian = SMatrix::<f64, 4, 3>::zeros();
-        for (column, tangent) in self.tangents().iter().enumerate() {
+        for (column, tangent) in self.tangents.iter().enumerate() {
             jacobian.fixed_view_mut::<3, 1>(0, column).copy_from(tangent);
             jacobian[(3, column)] = -tangent.dot(&(self.anchor + centre));
         }
@@ -171,18 +172,23 @@ impl Surface<3> for Flat {
 
     fn foot(&self, observation: &Observation, floor_mm: f64) -> Foot<3> {
         let residual_mm = self.distance(&observation.point);
-        let along = observation.axes.tr_mul(&self.normal);
-        let variances = observation.variances.add_scalar(floor_mm * floor_mm);
-        let variance_mm2 = along.component_mul(&along).dot(&variances);
-        let shift = observation.axes * along.component_mul(&variances) * (residual_mm / variance_mm2);
+        let (variance_mm2, shift) = if observation.is_bare() {
+            (floor_mm * floor_mm, self.normal.into_inner() * residual_mm)
+        } else {
+            let along = observation.axes.tr_mul(&self.normal);
+            let variances = observation.variances.add_scalar(floor_mm * floor_mm);
+            let variance_mm2 = along.component_mul(&along).dot(&variances);
+            let shift = observation.axes * along.component_mul(&variances);
+            (variance_mm2, shift * (residual_mm / variance_mm2))
+        };
         let arm = observation.point - shift - self.anchor;
-        let [first, second] = self.tangents();
+        let [first, second] = self.tangents;
         let gradient = SVector::<f64, 3>::new(first.dot(&arm), second.dot(&arm), 1.0);
         Foot { residual_mm, variance_mm2, normal: self.normal.into_inner(), gradient }
     }
 
     fn gradient_change(&self, _: &Foot<3>) -> SMatrix<f64, 3, 3> {
-        let [first, second] = self.tangents();
+        let [first, second] = self.tangents;
         SMatrix::<f64, 3, 3>::from_rows(&[
             first.transpose(),
             second.transpose(),
@@ -191,13 +197,10 @@ impl Surface<3> for Flat {
     }
 
     fn moved(&self, step: &SVector<f64, 3>) -> Self {
-        let [first, second] = self.tangents();
+        let [first, second] = self.tangents;
         let tilted = self.normal.into_inner() + first * step[0] + second * step[1];
-        Self {
-            // Never shorter than the unit normal that it was made of.
-            normal: Unit::new_normalize(tilted),
-            anchor: self.anchor - self.normal.into_inner() * step[2],
-        }
+        // Never shorter than the unit normal that it was made of.
+        Self::new(Unit::new_normalize(tilted), self.anchor - self.normal.into_inner() * step[2])
     }
 }
 
@@ -216,5 +219,5 @@ fn through_three(points: &[Vector3<f64>]) -> Option<Flat> {
     let (u, v) = (b - a, c - a);
     let across = u.cross(&v);
     let normal = Unit::try_new(across, 1e-12 * u.norm() * v.norm())?;
-    Some(Flat { normal, anchor: (a + b + c) / 3.0 })
+    Some(Flat::new(normal, (a + b + c) / 3.0))
 }

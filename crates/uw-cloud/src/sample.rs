@@ -30,6 +30,11 @@ impl Observation {
         Self { point, axes: Matrix3::identity(), variances: Vector3::zeros(), image: None, index: 0 }
     }
 
+    /// Returns whether nothing is told of its errors.
+    pub(crate) fn is_bare(&self) -> bool {
+        self.variances.iter().all(|variance| *variance <= 0.0)
+    }
+
     /// Returns the same position without its covariance.
     pub(crate) fn bare(&self) -> Self {
         Self { axes: Matrix3::identity(), variances: Vector3::zeros(), ..self.clone() }

@@ -78,7 +78,7 @@ pub fn fit_sphere(cloud: &PointCloud, options: &SphereOptions) -> Result<SphereF
             let search = Search { size: 4, starts: 1, seed: options.seed };
             let start = consensus(&sample, search, |p| through_four(&sample.points(p)).into_iter().collect())
                 .ok_or(FitError::Undetermined { shape: FreeSphere::NAME, noise_share: 1.0, allowed: 0.0 })?;
-            let fitted = fit::<FreeSphere, 4>(start.surface, start.scatter_mm, &sample)?;
+            let fitted = fit::<FreeSphere, 4>(&start.surface, start.scatter_mm, &sample)?;
             let ball = fitted.surface.0;
             Ok(result(&ball, &sample, fitted.covariance, fitted.deviations, fitted.influence))
         }
@@ -87,7 +87,7 @@ pub fn fit_sphere(cloud: &PointCloud, options: &SphereOptions) -> Result<SphereF
             let search = Search { size: 3, starts: 1, seed: options.seed };
             let start = consensus(&sample, search, |p| through_three(&sample.points(p), radius))
                 .ok_or(FitError::Undetermined { shape: KnownSphere::NAME, noise_share: 1.0, allowed: 0.0 })?;
-            let fitted = fit::<KnownSphere, 3>(start.surface, start.scatter_mm, &sample)?;
+            let fitted = fit::<KnownSphere, 3>(&start.surface, start.scatter_mm, &sample)?;
             let fitted = on_the_right_side(fitted, &sample)?;
             let mut covariance = Matrix4::zeros();
             covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&fitted.covariance);
@@ -130,7 +130,7 @@ pub(crate) fn refit(
 ) -> Result<(SphereFit, Vec<usize>), FitError> {
     let sample = Sample::of(cloud, indices, FreeSphere::NAME, 4)?;
     let start = FreeSphere(Ball { center: center - sample.centre, radius });
-    let fitted = fit::<FreeSphere, 4>(start, scatter_mm, &sample)?;
+    let fitted = fit::<FreeSphere, 4>(&start, scatter_mm, &sample)?;
     let inliers = sample.indices(&fitted.inliers);
     Ok((result(&fitted.surface.0, &sample, fitted.covariance, fitted.deviations, fitted.influence), inliers))
 }

@@ -103,7 +103,7 @@ pub fn triangulate(cloud: &PointCloud, options: &SurfaceOptions) -> Result<Surfa
     if flat.triangles.is_empty() {
         return Err(SurfaceError::NoArea);
     }
-    let (kept, cut) = cut::cut(cloud, &places, &flat, &noise, sensor_mm, options.steepest_rad);
+    let (kept, cut, away) = cut::cut(cloud, &places, &flat, &noise, sensor_mm, options.steepest_rad);
     let mut triangles: Vec<[u32; 3]> =
         flat.triangles.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(t, _)| *t).collect();
     let shared_places = flat.shared;
@@ -112,7 +112,7 @@ pub fn triangulate(cloud: &PointCloud, options: &SurfaceOptions) -> Result<Surfa
         return Err(SurfaceError::NothingLeft { cut });
     }
     let points = renumbered(&mut triangles, cloud.len());
-    if faces_away(cloud, &triangles, &points, sensor_mm) {
+    if away {
         triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
     }
     let of = |values: &[f32]| points.iter().map(|&p| values[p as usize]).collect::<Vec<_>>();
@@ -166,15 +166,6 @@ fn renumbered(triangles: &mut [[u32; 3]], points: usize) -> Vec<u32> {
     }
     triangles.iter_mut().flatten().for_each(|v| *v = number[*v as usize]);
     used
-}
-
-/// Whether most triangles, which all have the plane's order of corners, face away from the sensor.
-fn faces_away(cloud: &PointCloud, triangles: &[[u32; 3]], points: &[u32], sensor_mm: Vector3<f64>) -> bool {
-    let away = |corners: &[u32; 3]| {
-        let [a, b, c] = corners.map(|v| cloud.vector(points[v as usize] as usize));
-        (b - a).cross(&(c - a)).dot(&(sensor_mm - a)) < 0.0
-    };
-    2 * triangles.iter().filter(|corners| away(corners)).count() > triangles.len()
 }
 
 /// Returns the places in units of their typical spacing, which may differ by direction (rows lie closer than frames); `None` where it

@@ -3,7 +3,7 @@
 use super::certainty::{bent, followed, form_inverse, patches};
 use super::refine::NOTHING_LEFT;
 use super::sample::{Match, Sample, Samples, TUKEY};
-use super::sweep::SweepSurface;
+use super::sweep::{Known, SweepSurface};
 use crate::error::RegisterError;
 use crate::merge::PairResidual;
 use crate::robust::{median, scale_about_zero};
@@ -116,7 +116,8 @@ fn laid(
     const ALIKE: f64 = 0.7;
     let surface_from_points = poses[j].inverse() * poses[i];
     let of = |sample: &Sample| {
-        let found = surface.matched(sample, &surface_from_points, &samples.middle, reach)?;
+        let found =
+            surface.matched(sample, &surface_from_points, &samples.middle, reach, &mut Known::default())?;
         let arm = (poses[i] * Point3::from(sample.place)).coords - middle;
         let turned = |normal| poses[j].rotation * normal;
         let (normal, normals) = (turned(found.normal), found.normals.map(turned));

@@ -2,6 +2,7 @@
 
 use super::certainty::{bent, followed, form_inverse, patches};
 use super::sample::{Match, Sample, TUKEY, Target};
+use super::sweep::Known;
 use crate::robust::{median, scale_about_zero};
 use nalgebra::{DMatrix, Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
 
@@ -64,8 +65,9 @@ pub(super) fn refine(
     };
     let mut reach = bounds.reach;
     let mut matches = Vec::new();
+    let mut known = vec![Known::default(); points.len()];
     for round in 1..=bounds.rounds {
-        matches = target.matches(points, &fitted.pose, reach);
+        matches = target.matches(points, &fitted.pose, reach, &mut known);
         matches.retain(|m| m.facing > SAME_FACE);
         fitted.rounds = round;
         if matches.len() < 6 {

@@ -1,6 +1,6 @@
 //! The points that a pose is estimated from, and what each lies off the mesh.
 
-use super::sweep::SweepSurface;
+use super::sweep::{Known, SweepSurface};
 use crate::cloud::{PointCloud, unpacked};
 use crate::error::RegisterError;
 use crate::mesh::TriangleMesh;
@@ -205,16 +205,33 @@ impl<'a, 'm> Target<'a, 'm> {
 
     /// Returns what a point moved by a pose belongs to; `None` beyond the reach and where the nearest point lies on a border.
     pub(super) fn matched(&self, sample: &Sample, pose: &Isometry3<f64>, reach: f64) -> Option<Match> {
+        self.matched_again(sample, pose, reach, &mut Known::default())
+    }
+
+    fn matched_again(
+        &self,
+        sample: &Sample,
+        pose: &Isometry3<f64>,
+        reach: f64,
+        known: &mut Known,
+    ) -> Option<Match> {
         let found = match self.onto {
             Onto::Mesh(mesh) => self.matched_on(mesh, sample, pose, reach)?,
-            Onto::Sweep(sweep) => sweep.matched(sample, pose, &self.middle, reach)?,
+            Onto::Sweep(sweep) => sweep.matched(sample, pose, &self.middle, reach, known)?,
         };
         Some(Match { facing: if self.signed { found.facing } else { found.facing.abs() }, ..found })
     }
 
-    /// Returns what those of some points belong to that have something within the reach, in their order.
-    pub(super) fn matches(&self, points: &[&Sample], pose: &Isometry3<f64>, reach: f64) -> Vec<Match> {
-        points.iter().filter_map(|point| self.matched(point, pose, reach)).collect()
+    /// Returns what those of some points belong to that have something within the reach, in their order; `known` is of the same points, from before.
+    pub(super) fn matches(
+        &self,
+        points: &[&Sample],
+        pose: &Isometry3<f64>,
+        reach: f64,
+        known: &mut [Known],
+    ) -> Vec<Match> {
+        let all = points.iter().zip(known);
+        all.filter_map(|(point, known)| self.matched_again(point, pose, reach, known)).collect()
     }
 
     fn matched_on(

@@ -23,6 +23,14 @@ pub struct SweepSurface<'a> {
     open: Vec<bool>,
 }
 
+/// What a point belonged to when it was looked for: while it is nearer to that place than half of what the next one was farther by, it belongs there still.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Known {
+    place: Vector3<f64>,
+    nearest: usize,
+    farther: f64,
+}
+
 impl<'a> SweepSurface<'a> {
     /// Returns what others are laid onto, of a cloud and its surface by [`triangulate`](crate::triangulate); `None` where that has no area.
     ///
@@ -43,16 +51,24 @@ impl<'a> SweepSurface<'a> {
     /// points' normals.
     ///
     /// Along the mean two points of one arc lie at no distance, wherever on it they are (S. Rusinkiewicz, ACM Trans. Graphics 38 (2019) 85): how far the
-    /// two sweeps' points happen to lie apart on the surface does not matter.
+    /// two sweeps' points happen to lie apart on the surface does not matter. `known` is what was found before, of the same point moved by another pose, if anything.
     pub(super) fn matched(
         &self,
         sample: &Sample,
         pose: &Isometry3<f64>,
         middle: &Vector3<f64>,
         reach: f64,
+        known: &mut Known,
     ) -> Option<Match> {
+        /// Half, less the rounding of distances.
+        const HALF: f64 = 0.5 - 1e-9;
         let moved = (pose * Point3::from(sample.place)).coords;
-        let (square, nearest) = self.points.nearest_one(&moved.into())?;
+        if (moved - known.place).norm_squared() >= (HALF * known.farther).powi(2) {
+            let (_, nearest, farther) = self.points.nearest_by(&moved.into())?;
+            *known = Known { place: moved, nearest, farther };
+        }
+        let nearest = known.nearest;
+        let square = (moved - self.cloud.vector(nearest)).norm_squared();
         let plane = self.planes[nearest].filter(|_| !self.open[nearest])?;
         // Neighbours on the surface may lie apart by more than what is looked for across it.
         if square > (reach + plane.reach_mm).powi(2) {

@@ -344,43 +344,52 @@ impl<'a> Hunt<'a> {
             || pairs > 0.0 && confirm::is_mostly_noise(products / pairs / squares, count)
     }
 
-    /// Makes one of two shapes of a kind where one fit holds nearly all points of both.
+    /// Makes one of several shapes of a kind where one fit holds nearly all points of them.
     fn merge(&self, found: &mut Vec<Shape>) -> Result<(), FitError> {
         found.sort_by_key(|shape| std::cmp::Reverse(shape.points.len()));
         let mut first = 0;
         while first < found.len() {
-            let mut second = first + 1;
-            while second < found.len() {
-                match self.merged(&found[first], &found[second])? {
-                    Some(shape) => {
-                        found[first] = shape;
-                        found.remove(second);
-                        second = first + 1;
-                    }
-                    None => second += 1,
+            let others: Vec<usize> =
+                (first + 1..found.len()).filter(|&other| self.is_on(&found[other], &found[first])).collect();
+            // All at once, as a fit of many points takes long; else one after the other.
+            let all = (others.len() > 1).then(|| others.clone());
+            let tries = all.into_iter().chain(others.iter().map(|&other| vec![other]));
+            let mut merged = false;
+            for some in tries {
+                if let Some(shape) = self.merged(found, first, &some)? {
+                    found[first] = shape;
+                    some.iter().rev().for_each(|&other| drop(found.remove(other)));
+                    merged = true;
+                    break;
                 }
             }
-            first += 1;
+            if !merged {
+                first += 1;
+            }
         }
         Ok(())
     }
 
-    fn merged(&self, a: &Shape, b: &Shape) -> Result<Option<Shape>, FitError> {
-        const OF_BOTH: f64 = 0.95;
-        if a.fit.kind() != b.fit.kind() {
-            return Ok(None);
-        }
-        let primitive = Primitive::of(&a.fit, &self.origin);
-        let reach = 2.0 * TOLERANCE * self.roughness_mm.max(a.fit.deviations().rms_mm);
+    /// Returns whether most of a shape's points lie on another one of the same kind.
+    fn is_on(&self, shape: &Shape, other: &Shape) -> bool {
+        const MOST: f64 = 0.8;
+        let primitive = Primitive::of(&other.fit, &self.origin);
+        let reach = 2.0 * TOLERANCE * self.roughness_mm.max(other.fit.deviations().rms_mm);
         let near = |&&i: &&usize| primitive.distance(&(self.cloud.vector(i) - self.origin)).abs() <= reach;
-        if (b.points.iter().filter(near).count() as f64) < 0.8 * b.points.len() as f64 {
-            return Ok(None);
-        }
-        let mut both: Vec<usize> = a.points.iter().chain(&b.points).copied().collect();
-        both.sort_unstable();
-        let count = both.len();
-        match primitive.fitted(self.cloud, both, &self.origin, self.roughness_mm, &self.sensor) {
-            Ok((fit, points)) if points.len() as f64 >= OF_BOTH * count as f64 => {
+        shape.fit.kind() == other.fit.kind()
+            && shape.points.iter().filter(near).count() as f64 >= MOST * shape.points.len() as f64
+    }
+
+    /// Returns the one shape of some, the first of which is near it; `None` where it is none.
+    fn merged(&self, found: &[Shape], first: usize, others: &[usize]) -> Result<Option<Shape>, FitError> {
+        const OF_ALL: f64 = 0.95;
+        let primitive = Primitive::of(&found[first].fit, &self.origin);
+        let of_others = others.iter().flat_map(|&other| &found[other].points);
+        let mut all: Vec<usize> = found[first].points.iter().chain(of_others).copied().collect();
+        all.sort_unstable();
+        let count = all.len();
+        match primitive.fitted(self.cloud, all, &self.origin, self.roughness_mm, &self.sensor) {
+            Ok((fit, points)) if points.len() as f64 >= OF_ALL * count as f64 => {
                 Ok(Some(Shape { fit, points }))
             }
             Err(error @ (FitError::Cloud(_) | FitError::InvalidCovariance { .. })) => Err(error),

@@ -29,7 +29,7 @@ pub struct Cut {
     pub unseen: usize,
 }
 
-/// Returns which triangles are surface, and how many of the others there are.
+/// Returns which triangles are surface, how many of the others there are, and whether the plane's order of corners faces away from the sensor.
 pub(super) fn cut(
     cloud: &PointCloud,
     places: &[[f64; 2]],
@@ -37,38 +37,15 @@ pub(super) fn cut(
     noise: &Noise<'_>,
     sensor_mm: Vector3<f64>,
     steepest_rad: f64,
-) -> (Vec<bool>, Cut) {
+) -> (Vec<bool>, Cut, bool) {
     let incident = Incident::new(&flat.triangles, places.len());
     let mut cut = Cut::default();
     let spans = spans(cloud, places, flat, &incident, noise);
     let mut kept: Vec<bool> = spans.iter().map(|span| !matches!(span, Span::Void | Span::Unlit)).collect();
     cut.voids = spans.iter().filter(|span| **span == Span::Void).count();
     cut.unseen = spans.iter().filter(|span| **span == Span::Unlit).count();
-    let normals = normals_to(cloud, flat, sensor_mm, &mut kept);
-    let grazing = steepest_rad.cos();
-    let limit = rejection_limit(flat.triangles.len());
-    for (t, corners) in flat.triangles.iter().enumerate() {
-        if !kept[t] {
-            continue;
-        }
-        let corner = corners.map(|v| cloud.vector(v as usize));
-        let view = (sensor_mm - (corner[0] + corner[1] + corner[2]) / 3.0).try_normalize(0.0);
-        let light = noise.light(corners[0]);
-        // A small triangle that its points' noise has tipped over is no occlusion: it has to reach farther than that.
-        let stands = |ray: &Vector3<f64>| {
-            normals[t].dot(ray).abs() < grazing && {
-                let depth = corner.map(|p| p.dot(ray));
-                let reach = depth.iter().fold(f64::MIN, |a, b| a.max(*b))
-                    - depth.iter().fold(f64::MAX, |a, b| a.min(*b));
-                let variance: f64 = corners.iter().map(|&v| noise.along(v, ray)).sum();
-                reach > limit * variance.sqrt()
-            }
-        };
-        if [view, light].iter().flatten().any(stands) {
-            kept[t] = false;
-            cut.grazing += 1;
-        }
-    }
+    let (normals, grazing, away) = normals_to(cloud, flat, noise, sensor_mm, steepest_rad, &mut kept);
+    cut.grazing = grazing;
     let mut faces = Faces::new(flat, &incident, &normals);
     for _ in 0..STEP_ROUNDS {
         let more = cut_steps(cloud, noise, &spans, &mut kept, &mut faces);
@@ -79,7 +56,7 @@ pub(super) fn cut(
         }
     }
     cut.unseen += cut_lone(flat, &mut kept);
-    (kept, cut)
+    (kept, cut, away)
 }
 
 /// Cuts single triangles and pairs of them that hang together with no other by an edge, and returns how many: the faces at their corners are their own, so that nothing tells
@@ -103,33 +80,50 @@ fn cut_lone(flat: &Flat, kept: &mut [bool]) -> usize {
     lone.len()
 }
 
-/// Unit normals of the triangles in space, all on the side of the sensor as the plane's order of corners has it; those without an
-/// area are left out.
+/// Returns unit normals of the triangles in space, all on the side of the sensor as the plane's order of corners has it, and cuts those triangles that stand along the line of
+/// sight or along the light, whose number comes second, and those without an area; and whether the normals had to be turned.
 fn normals_to(
     cloud: &PointCloud,
     flat: &Flat,
+    noise: &Noise<'_>,
     sensor_mm: Vector3<f64>,
+    steepest_rad: f64,
     kept: &mut [bool],
-) -> Vec<Vector3<f64>> {
+) -> (Vec<Vector3<f64>>, usize, bool) {
+    let steepest2 = steepest_rad.cos().powi(2);
+    let limit = rejection_limit(flat.triangles.len());
     let mut towards = 0_i64;
-    let mut normals: Vec<Vector3<f64>> = flat
-        .triangles
-        .iter()
-        .zip(kept)
-        .map(|(corners, kept)| {
-            let [a, b, c] = corners.map(|v| cloud.vector(v as usize));
-            let Some(normal) = (b - a).cross(&(c - a)).try_normalize(0.0) else {
-                *kept = false;
-                return Vector3::zeros();
+    let mut grazing = 0;
+    let normal_of = |(corners, kept): (&[u32; 3], &mut bool)| {
+        let corner @ [a, b, c] = corners.map(|v| cloud.vector(v as usize));
+        let Some(normal) = (b - a).cross(&(c - a)).try_normalize(0.0) else {
+            *kept = false;
+            return Vector3::zeros();
+        };
+        if *kept {
+            towards += if normal.dot(&(sensor_mm - a)) < 0.0 { -1 } else { 1 };
+            // A small triangle that its points' noise has tipped over is no occlusion: it has to reach farther than that.
+            let stands = |ray: &Vector3<f64>| {
+                normal.dot(ray).powi(2) < steepest2 * ray.norm_squared() && {
+                    let ray = ray.normalize();
+                    let depth = corner.map(|p| p.dot(&ray));
+                    let reach = depth.iter().fold(f64::MIN, |a, b| a.max(*b))
+                        - depth.iter().fold(f64::MAX, |a, b| a.min(*b));
+                    let variance: f64 = corners.iter().map(|&v| noise.along(v, &ray)).sum();
+                    reach > limit * variance.sqrt()
+                }
             };
-            if *kept {
-                towards += if normal.dot(&(sensor_mm - a)) < 0.0 { -1 } else { 1 };
+            let view = sensor_mm - (a + b + c) / 3.0;
+            if stands(&view) || noise.light(corners[0]).as_ref().is_some_and(stands) {
+                *kept = false;
+                grazing += 1;
             }
-            normal
-        })
-        .collect();
+        }
+        normal
+    };
+    let mut normals: Vec<Vector3<f64>> = flat.triangles.iter().zip(kept).map(normal_of).collect();
     if towards < 0 {
         normals.iter_mut().for_each(|normal| *normal = -*normal);
     }
-    normals
+    (normals, grazing, towards < 0)
 }

@@ -54,12 +54,17 @@ const ALONG_LIGHT: f64 = 0.9;
 /// The direction of a covariance's largest variance; `None` where it has none that stands out.
 fn least_certain(covariance: &[f32; 6]) -> Option<Vector3<f64>> {
     let matrix = unpacked(covariance);
-    // Power iteration from the column of the largest variance.
-    let mut axis = matrix.column(matrix.diagonal().imax()).into_owned();
+    let trace = matrix.trace();
+    if trace.is_nan() || trace <= 0.0 {
+        return None;
+    }
+    // Power iteration from the column of the largest variance, which is a third of the trace at least.
+    let unit = matrix / trace;
+    let mut axis = unit.column(unit.diagonal().imax()).into_owned();
     for _ in 0..4 {
-        axis = matrix * axis.try_normalize(0.0)?;
+        axis = unit * axis;
     }
     let axis = axis.try_normalize(0.0)?;
-    let stands_out = axis.dot(&(matrix * axis)) >= ALONG_LIGHT * matrix.trace();
+    let stands_out = axis.dot(&(unit * axis)) >= ALONG_LIGHT;
     stands_out.then(|| if axis.z < 0.0 { -axis } else { axis })
 }

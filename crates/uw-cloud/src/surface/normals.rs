@@ -8,9 +8,10 @@ use rayon::prelude::*;
 
 /// Triangles that are tried as a face's, and normals whose spread tells that of most.
 const CANDIDATES: usize = 40;
-/// Candidates whose scores are counted side by side.
-const LANES: usize = 8;
 const MOST_SPREADS: usize = 20_000;
+
+/// Triangles that are counted side by side.
+const LANES: usize = 8;
 
 /// Cosine of the angle between neighbouring triangles beyond which a vertex may lie at a step: 20°.
 const SMOOTH_COS: f64 = 0.939_692_620_785_908_4;
@@ -44,6 +45,8 @@ impl Sum {
 pub(super) struct Incident {
     starts: Vec<u32>,
     triangles: Vec<u32>,
+    /// The corner after the vertex in each of these triangles.
+    next: Vec<u32>,
 }
 
 impl Incident {
@@ -53,23 +56,34 @@ impl Incident {
         (0..vertices).for_each(|v| starts[v + 1] += starts[v]);
         let mut filled = starts.clone();
         let mut sorted = vec![0_u32; 3 * triangles.len()];
-        for (corners, t) in triangles.iter().zip(0..) {
-            for &v in corners {
+        let mut next = sorted.clone();
+        for (&[a, b, c], t) in triangles.iter().zip(0..) {
+            for (v, after) in [(a, b), (b, c), (c, a)] {
                 let at = &mut filled[v as usize];
-                sorted[*at as usize] = t;
+                (sorted[*at as usize], next[*at as usize]) = (t, after);
                 *at += 1;
             }
         }
-        Self { starts, triangles: sorted }
+        Self { starts, triangles: sorted, next }
     }
 
     pub(super) fn vertices(&self) -> u32 {
         self.starts.len() as u32 - 1
     }
 
+    /// The triangles at a vertex.
     pub(super) fn of(&self, vertex: u32) -> &[u32] {
+        &self.triangles[self.range(vertex)]
+    }
+
+    /// The corner after the vertex in each of these: going round, the vertex's neighbours.
+    pub(super) fn next(&self, vertex: u32) -> &[u32] {
+        &self.next[self.range(vertex)]
+    }
+
+    fn range(&self, vertex: u32) -> std::ops::Range<usize> {
         let v = vertex as usize;
-        &self.triangles[self.starts[v] as usize..self.starts[v + 1] as usize]
+        self.starts[v] as usize..self.starts[v + 1] as usize
     }
 }
 
@@ -125,15 +139,24 @@ impl<'a> Faces<'a> {
     pub(super) fn one_sided(&mut self, kept: &[bool]) -> Vec<Option<Facing>> {
         let sharp = self.sharp(kept);
         let Self { flat, incident, normals, sums } = self;
-        let missing = |(v, own): (usize, &mut Option<Sum>)| {
+        let vertices = sums.len();
+        let missing = |near: &mut Near, (v, own): (usize, &mut Option<Sum>)| {
             if own.is_none() {
-                *own = Some(about(v as u32, sharp[v], flat, incident, normals, kept));
+                let v = v as u32;
+                *own = Some(if sharp[v as usize] {
+                    near.gather(v, flat, incident, normals, kept);
+                    near.face_of_most()
+                } else {
+                    mean(incident.of(v).iter().filter(|t| kept[**t as usize]).map(|&t| &normals[t as usize]))
+                });
             }
         };
-        if sums.len() < MANY {
-            sums.iter_mut().enumerate().for_each(missing);
+        if vertices < MANY {
+            let mut near = Near::new(vertices);
+            sums.iter_mut().enumerate().for_each(|own| missing(&mut near, own));
         } else {
-            sums.par_iter_mut().with_min_len(4096).enumerate().for_each(missing);
+            let sums = sums.par_iter_mut().with_min_len(4096).enumerate();
+            sums.for_each_init(|| Near::new(vertices), missing);
         }
         // What one or two triangles say of their own spread is too little: it is at least that of most.
         let many = || sums.iter().flatten().filter(|sum| sum.count > 3.0);
@@ -150,101 +173,160 @@ impl<'a> Faces<'a> {
     }
 }
 
-/// The normals at a vertex.
-fn about(
-    v: u32,
-    sharp: bool,
-    flat: &Flat,
-    incident: &Incident,
-    normals: &[Vector3<f64>],
-    kept: &[bool],
-) -> Sum {
-    let own = incident.of(v).iter().filter(|t| kept[**t as usize]);
-    if !sharp {
-        return own.fold(Sum { normals: Vector3::zeros(), count: 0.0 }, |sum, &t| Sum {
-            normals: sum.normals + normals[t as usize],
-            count: sum.count + 1.0,
+fn mean<'a>(normals: impl Iterator<Item = &'a Vector3<f64>>) -> Sum {
+    normals.fold(Sum { normals: Vector3::zeros(), count: 0.0 }, |sum, normal| Sum {
+        normals: sum.normals + normal,
+        count: sum.count + 1.0,
+    })
+}
+
+/// How far two triangles count as of one face, by the cosine between them. Comparisons rather than `clamp`: each is one of the processor's instructions.
+fn one_face(cosine: f32) -> f32 {
+    const NONE: f32 = ONE_FACE_COS[1] as f32;
+    const STEEP: f32 = 1.0 / (ONE_FACE_COS[0] - ONE_FACE_COS[1]) as f32;
+    let share = (cosine - NONE) * STEEP;
+    let share = if share > 0.0 { share } else { 0.0 };
+    if share < 1.0 { share } else { 1.0 }
+}
+
+/// The triangles of the first two rings about a vertex: their normals and weights, side by side in single precision, several of which fit into one of the processor's registers.
+struct Near {
+    normals: [Vec<f32>; 3],
+    weights: Vec<f32>,
+    /// The vertex's neighbours, and how many of its triangles each vertex is a corner of.
+    ring: Vec<u32>,
+    times: Vec<f32>,
+}
+
+impl Near {
+    fn new(vertices: usize) -> Self {
+        Self {
+            normals: Default::default(),
+            weights: Vec::new(),
+            ring: Vec::new(),
+            times: vec![0.0; vertices],
+        }
+    }
+
+    /// Takes the kept triangles of a vertex's first two rings in.
+    ///
+    /// A triangle counts once for each corner that one of the vertex's own triangles has, for each of these: nearer ones count for more.
+    fn gather(&mut self, v: u32, flat: &Flat, incident: &Incident, normals: &[Vector3<f64>], kept: &[bool]) {
+        self.ring.clear();
+        let own = || incident.of(v).iter().filter(|t| kept[**t as usize]);
+        for &t in own() {
+            for &w in flat.triangles[t as usize].iter().filter(|w| **w != v) {
+                if self.times[w as usize] == 0.0 {
+                    self.ring.push(w);
+                }
+                self.times[w as usize] += 1.0;
+            }
+        }
+        self.times[v as usize] = own().count() as f32;
+        let most = own().count() + self.ring.iter().map(|&w| incident.of(w).len()).sum::<usize>();
+        let lanes = most.next_multiple_of(LANES);
+        self.normals.iter_mut().chain([&mut self.weights]).for_each(|list| list.resize(lanes, 0.0));
+        let mut count = 0;
+        for &t in own() {
+            let weight = flat.triangles[t as usize].map(|w| self.times[w as usize]).iter().sum();
+            count += self.put(count, &normals[t as usize], weight, true);
+        }
+        // One that has two corners on the ring comes twice, each time with the weight of one.
+        for at in 0..self.ring.len() {
+            let w = self.ring[at];
+            let weight = self.times[w as usize];
+            for &t in incident.of(w).iter().filter(|t| kept[**t as usize]) {
+                let [a, b, c] = flat.triangles[t as usize];
+                count += self.put(count, &normals[t as usize], weight, (a != v) & (b != v) & (c != v));
+            }
+        }
+        self.times[v as usize] = 0.0;
+        self.ring.iter().for_each(|&w| self.times[w as usize] = 0.0);
+        // What fills the last of the lanes has no weight.
+        let lanes = count.next_multiple_of(LANES);
+        self.normals.iter_mut().chain([&mut self.weights]).for_each(|list| {
+            list.truncate(count);
+            list.resize(lanes, 0.0);
         });
     }
-    // A triangle counts once for each corner that one of the vertex's own triangles has, for each of these: nearer ones count for more.
-    let own: Vec<u32> = own.copied().collect();
-    let mut ring: Vec<(u32, f64)> = Vec::with_capacity(16);
-    for &t in &own {
-        for &w in flat.triangles[t as usize].iter().filter(|w| **w != v) {
-            match ring.iter_mut().find(|(other, _)| *other == w) {
-                Some((_, times)) => *times += 1.0,
-                None => ring.push((w, 1.0)),
-            }
-        }
-    }
-    let times = |w: u32| ring.iter().position(|(other, _)| *other == w);
-    let mut near: Vec<(Vector3<f64>, f64)> = Vec::with_capacity(64);
-    for &t in &own {
-        let others = flat.triangles[t as usize].iter().filter_map(|&w| times(w)).map(|at| ring[at].1);
-        near.push((normals[t as usize], own.len() as f64 + others.sum::<f64>()));
-    }
-    for (at, &(w, _)) in ring.iter().enumerate() {
-        for &t in incident.of(w).iter().filter(|t| kept[**t as usize]) {
-            let corners = flat.triangles[t as usize];
-            // Own ones are there already, and others come with the first of their corners on the ring.
-            if corners.contains(&v) {
-                continue;
-            }
-            let on_ring = corners.map(times);
-            if on_ring.iter().flatten().min() == Some(&at) {
-                let weight = on_ring.iter().flatten().map(|&at| ring[at].1).sum();
-                near.push((normals[t as usize], weight));
-            }
-        }
-    }
-    face_of_most(&near)
-}
 
-/// The candidate that most of the triangles agree with.
-///
-/// All candidates' scores grow together, triangle by triangle, in single precision: several fit into one of the processor's registers.
-fn most_agreed(near: &[(Vector3<f64>, f64)]) -> Vector3<f64> {
-    let [whole, none] = ONE_FACE_COS.map(|cosine| cosine as f32);
-    let steep = 1.0 / (whole - none);
-    let step = near.len().div_ceil(CANDIDATES).max(1);
-    let mut axes = [[0.0_f32; CANDIDATES]; 3];
-    let mut candidates = 0;
-    for (own, _) in near.iter().step_by(step) {
-        axes.iter_mut().zip(own.iter()).for_each(|(axis, own)| axis[candidates] = *own as f32 * steep);
-        candidates += 1;
+    /// Writes a triangle, and returns 1 where it counts: else the next one takes its place, and no branch has to be guessed.
+    fn put(&mut self, at: usize, normal: &Vector3<f64>, weight: f32, counts: bool) -> usize {
+        self.normals.iter_mut().zip(normal.iter()).for_each(|(list, value)| list[at] = *value as f32);
+        self.weights[at] = weight;
+        usize::from(counts)
     }
-    let lanes = candidates.next_multiple_of(LANES).min(CANDIDATES);
-    let [xs, ys, zs] = &axes;
-    let (xs, ys, zs) = (&xs[..lanes], &ys[..lanes], &zs[..lanes]);
-    let mut scores = [0.0_f32; CANDIDATES];
-    for (other, weight) in near {
-        let ([x, y, z], weight) = ([other.x as f32, other.y as f32, other.z as f32], *weight as f32);
-        for (((score, a), b), c) in scores[..lanes].iter_mut().zip(xs).zip(ys).zip(zs) {
-            *score += weight * (a * x + b * y + c * z - none * steep).clamp(0.0, 1.0);
-        }
-    }
-    let best = (0..candidates).fold(0, |best, at| if scores[at] > scores[best] { at } else { best });
-    near.get(best * step).map_or_else(Vector3::zeros, |(own, _)| *own)
-}
 
-/// The normals of the largest group of one face; triangles come with their weights.
-///
-/// Some of the triangles, evenly taken, stand for candidates: of the largest face there are several among so many, and the mean that follows is the same from each.
-fn face_of_most(near: &[(Vector3<f64>, f64)]) -> Sum {
-    let [whole, none] = ONE_FACE_COS;
-    let share =
-        |a: &Vector3<f64>, b: &Vector3<f64>| ((a.dot(b) - none) * (1.0 / (whole - none))).clamp(0.0, 1.0);
-    // Thrice more about the mean, so that the noise of the one triangle does not stay.
-    let mut middle = most_agreed(near);
-    let mut sum = Sum { normals: Vector3::zeros(), count: 0.0 };
-    for _ in 0..3 {
-        sum = Sum { normals: Vector3::zeros(), count: 0.0 };
-        for (normal, weight) in near {
-            let weight = weight * share(&middle, normal);
-            sum.normals += normal * weight;
-            sum.count += weight;
-        }
-        middle = sum.normals.try_normalize(0.0).unwrap_or(middle);
+    /// Returns the sum of normals and weights, each by how far it agrees with a direction.
+    fn agreeing(&self, [x, y, z]: [f32; 3]) -> [f32; 4] {
+        self.sum(|other| one_face(x * other[0] + y * other[1] + z * other[2]))
     }
-    sum
+
+    /// Returns the sum of normals and weights, each by a share.
+    fn sum(&self, share: impl Fn([f32; 3]) -> f32) -> [f32; 4] {
+        let [xs, ys, zs] = self.normals.each_ref().map(|list| list.chunks_exact(LANES));
+        let mut sums = [[0.0_f32; LANES]; 4];
+        for (((xs, ys), zs), weights) in xs.zip(ys).zip(zs).zip(self.weights.chunks_exact(LANES)) {
+            for k in 0..LANES {
+                let weight = weights[k] * share([xs[k], ys[k], zs[k]]);
+                sums[0][k] += weight * xs[k];
+                sums[1][k] += weight * ys[k];
+                sums[2][k] += weight * zs[k];
+                sums[3][k] += weight;
+            }
+        }
+        sums.map(|lanes| lanes.iter().sum())
+    }
+
+    /// Returns the triangle that most of the triangles agree with.
+    ///
+    /// Some of them, evenly taken, stand for candidates: of the largest face there are several among so many, and the mean that follows is the same from each.
+    fn most_agreed(&self) -> usize {
+        let [xs, ys, zs] = &self.normals;
+        let step = self.weights.len().div_ceil(CANDIDATES).max(1);
+        let (mut best, mut most) = (0, f32::NEG_INFINITY);
+        for first in (0..self.weights.len()).step_by(LANES * step) {
+            let at: [usize; LANES] = std::array::from_fn(|k| first + k * step);
+            let [x, y, z] = [xs, ys, zs].map(|list| at.map(|at| list.get(at).copied().unwrap_or(0.0)));
+            let mut scores = [0.0_f32; LANES];
+            for (((other_x, other_y), other_z), weight) in xs.iter().zip(ys).zip(zs).zip(&self.weights) {
+                for k in 0..LANES {
+                    scores[k] += weight * one_face(x[k] * other_x + y[k] * other_y + z[k] * other_z);
+                }
+            }
+            for (at, score) in at.into_iter().zip(scores) {
+                if score > most {
+                    (best, most) = (at, score);
+                }
+            }
+        }
+        best
+    }
+
+    /// Returns the normals of the largest group of one face.
+    fn face_of_most(&self) -> Sum {
+        /// All of a sum, to its rounding.
+        const WHOLE: f32 = 1.0 - 1e-5;
+        let of = |sum: [f32; 4]| {
+            let [x, y, z, count] = sum.map(f64::from);
+            Sum { normals: Vector3::new(x, y, z), count }
+        };
+        let unit = |[x, y, z, _]: [f32; 4]| Vector3::new(x, y, z).try_normalize(0.0).map(Into::into);
+        // Noise alone makes neighbours differ, too: where all agree with the mean of all, that is the face.
+        let all = self.sum(|_| 1.0);
+        if let Some(agreed) = unit(all).map(|middle| self.agreeing(middle))
+            && agreed[3] >= WHOLE * all[3]
+        {
+            return of(agreed);
+        }
+        let best = self.most_agreed();
+        let mut middle = self.normals.each_ref().map(|list| list.get(best).copied().unwrap_or(0.0));
+        let mut sum = [0.0; 4];
+        // Thrice more about the mean, so that the noise of the one triangle does not stay.
+        for _ in 0..3 {
+            sum = self.agreeing(middle);
+            middle = unit(sum).unwrap_or(middle);
+        }
+        of(sum)
+    }
 }

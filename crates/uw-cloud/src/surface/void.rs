@@ -5,7 +5,6 @@ use super::noise::Noise;
 use super::normals::Incident;
 use crate::cloud::PointCloud;
 use crate::neighbours::MANY;
-use crate::robust::median;
 use rayon::prelude::*;
 
 /// Chance that points thrown at random with a scan's density leave as large a void anywhere in it.
@@ -29,7 +28,7 @@ const BEHIND: f64 = -0.5;
 const PASSES: usize = 10;
 
 /// Vertices that a thread looks at in one go.
-const PART: u32 = 8192;
+const PART: usize = 8192;
 
 /// What the spacing of points tells of each triangle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,15 +58,19 @@ pub(super) fn spans(
 ) -> Vec<Span> {
     let of = |corners: &[u32; 3]| circle(corners.map(|v| places[v as usize]));
     let circles: Vec<(f64, f64)> = flat.triangles.iter().map(of).collect();
-    let sound = |t: u32| circles[t as usize].0 < SLIVER * circles[t as usize].1;
+    let sound = |t: usize| circles[t].0 < SLIVER * circles[t].1;
     let largest = (circles.len() as f64 / CHANCE_OF_A_VOID).ln() / std::f64::consts::PI;
     let mut spans = vec![Span::Neighbours; circles.len()];
-    let mut about = Surroundings::new(flat, incident, |t| sound(t).then(|| circles[t as usize].1));
+    // Triangles across voids, which may be most of those at a corner, tell nothing of its surroundings.
+    let tells =
+        |t: usize, span: Span| if sound(t) && span != Span::Void { circles[t].1 } else { f64::INFINITY };
+    let mut telling: Vec<f64> = (0..circles.len()).map(|t| tells(t, spans[t])).collect();
+    let mut about = Surroundings::new(incident, &telling);
     let mut asked: Vec<u32> = (0..circles.len() as u32).collect();
     for _ in 0..PASSES {
-        let in_image = |t: u32| {
-            let (radius2, twice) = circles[t as usize];
-            let [least, middle, most] = sorted(&flat.triangles[t as usize], &about.typical);
+        let in_image = |t: usize| {
+            let (radius2, twice) = circles[t];
+            let [least, middle, most] = sorted(&flat.triangles[t], &about.typical);
             // Of two that are known, the denser one.
             let (denser, sparsest) =
                 if most.is_finite() { (middle, most) } else { (least, middle.min(most)) };
@@ -80,26 +83,24 @@ pub(super) fn spans(
                 Span::Neighbours
             }
         };
-        // Triangles across voids, which may be most of those at a corner, tell nothing of its surroundings.
         let mut changed: Vec<u32> = Vec::new();
-        for &t in &asked {
+        for t in asked.iter().map(|t| *t as usize) {
             let next = in_image(t);
-            let before = std::mem::replace(&mut spans[t as usize], next);
+            let before = std::mem::replace(&mut spans[t], next);
             if (next == Span::Void) != (before == Span::Void) {
-                changed.extend(flat.triangles[t as usize]);
+                telling[t] = tells(t, next);
+                changed.extend(flat.triangles[t]);
             }
         }
         if changed.is_empty() {
             break;
         }
-        let tells = |t: u32| (sound(t) && spans[t as usize] != Span::Void).then(|| circles[t as usize].1);
-        asked = about.again(flat, incident, changed, tells);
+        asked = about.again(incident, changed, &telling);
     }
     let Some(lit) = lit_areas(cloud, flat, noise) else { return spans };
-    let about = Surroundings::new(flat, incident, |t| {
-        let told = sound(t) && spans[t as usize] != Span::Void && lit[t as usize] > 0.0;
-        told.then(|| lit[t as usize])
-    });
+    let tells = |t: usize| sound(t) && spans[t] != Span::Void && lit[t] > 0.0;
+    let telling: Vec<f64> = (0..lit.len()).map(|t| if tells(t) { lit[t] } else { f64::INFINITY }).collect();
+    let about = Surroundings::new(incident, &telling);
     for ((span, corners), lit) in spans.iter_mut().zip(&flat.triangles).zip(&lit) {
         let known = sorted(corners, &about.typical).into_iter().rev().find(|value| value.is_finite());
         let sparsest = known.unwrap_or(f64::INFINITY);
@@ -128,97 +129,89 @@ struct Surroundings {
 }
 
 impl Surroundings {
-    fn new(flat: &Flat, incident: &Incident, tells: impl Fn(u32) -> Option<f64> + Sync) -> Self {
+    /// `telling` is what each triangle tells, infinite where that is nothing.
+    fn new(incident: &Incident, telling: &[f64]) -> Self {
         let vertices = incident.vertices();
-        let of_all = |one: &(dyn Fn(u32, &mut Vec<f64>) -> f64 + Sync)| -> Vec<f64> {
-            let some = |range: std::ops::Range<u32>| {
-                let mut values = Vec::new();
-                range.map(|v| one(v, &mut values)).collect::<Vec<f64>>()
-            };
+        let of_all = |one: &(dyn Fn(u32) -> f64 + Sync)| -> Vec<f64> {
             if (vertices as usize) < MANY {
-                return some(0..vertices);
+                return (0..vertices).map(one).collect();
             }
-            let parts = (0..vertices.div_ceil(PART)).into_par_iter();
-            parts.flat_map_iter(|p| some(p * PART..vertices.min((p + 1) * PART))).collect()
+            (0..vertices).into_par_iter().with_min_len(PART).map(one).collect()
         };
-        let own = of_all(&|v, values| own(v, incident, &tells, values));
-        let typical = of_all(&|v, values| typical(v, flat, incident, &own, values));
+        let own = of_all(&|v| own(v, incident, telling));
+        let typical = of_all(&|v| typical(v, incident, &own));
         Self { own, typical }
     }
 
     /// Asks again where triangles tell something else now, given by their corners, and returns the triangles whose surroundings that may change.
-    fn again(
-        &mut self,
-        flat: &Flat,
-        incident: &Incident,
-        mut changed: Vec<u32>,
-        tells: impl Fn(u32) -> Option<f64>,
-    ) -> Vec<u32> {
-        let mut values = Vec::new();
+    fn again(&mut self, incident: &Incident, mut changed: Vec<u32>, telling: &[f64]) -> Vec<u32> {
         let unique = |list: &mut Vec<u32>| {
             list.sort_unstable();
             list.dedup();
         };
         unique(&mut changed);
-        changed.iter().for_each(|&v| self.own[v as usize] = own(v, incident, &tells, &mut values));
-        let corners = |v: &u32| incident.of(*v).iter().flat_map(|&t| flat.triangles[t as usize]);
-        let mut near: Vec<u32> = changed.iter().flat_map(corners).collect();
+        changed.iter().for_each(|&v| self.own[v as usize] = own(v, incident, telling));
+        let mut near = changed.clone();
+        near.extend(changed.iter().flat_map(|&v| incident.next(v)));
         unique(&mut near);
-        for &v in &near {
-            self.typical[v as usize] = typical(v, flat, incident, &self.own, &mut values);
-        }
+        near.iter().for_each(|&v| self.typical[v as usize] = typical(v, incident, &self.own));
         let mut asked: Vec<u32> = near.iter().flat_map(|&v| incident.of(v)).copied().collect();
         unique(&mut asked);
         asked
     }
 }
 
-/// The median over a vertex's triangles.
-fn own(v: u32, incident: &Incident, tells: &impl Fn(u32) -> Option<f64>, values: &mut Vec<f64>) -> f64 {
-    values.clear();
-    values.extend(incident.of(v).iter().filter_map(|&t| tells(t)));
-    middle(values)
+/// Values that are put in order without a branch to be guessed; most vertices have no more triangles.
+const FEW: usize = 8;
+
+/// Returns what some values of a vertex's triangles or neighbours tell, in order with infinite ones last, and the number of finite ones.
+fn ordered(values: impl ExactSizeIterator<Item = f64>, told: impl FnOnce(&[f64], usize) -> f64) -> f64 {
+    if values.len() <= FEW {
+        let mut few = [f64::INFINITY; FEW];
+        values.zip(&mut few).for_each(|(value, few)| *few = value);
+        in_order(&mut few);
+        return told(&few, few.iter().filter(|value| value.is_finite()).count());
+    }
+    let mut many: Vec<f64> = values.collect();
+    many.sort_unstable_by(f64::total_cmp);
+    told(&many, many.partition_point(|value| value.is_finite()))
+}
+
+/// K. Batcher's network of nineteen exchanges (AFIPS 32 (1968) 307).
+fn in_order(values: &mut [f64; FEW]) {
+    let mut exchange = |a: usize, b: usize| {
+        let (x, y) = (values[a], values[b]);
+        (values[a], values[b]) = if y < x { (y, x) } else { (x, y) };
+    };
+    [(0, 1), (2, 3), (4, 5), (6, 7)].into_iter().for_each(|(a, b)| exchange(a, b));
+    [(0, 2), (1, 3), (4, 6), (5, 7)].into_iter().for_each(|(a, b)| exchange(a, b));
+    [(1, 2), (5, 6), (0, 4), (3, 7)].into_iter().for_each(|(a, b)| exchange(a, b));
+    [(1, 5), (2, 6)].into_iter().for_each(|(a, b)| exchange(a, b));
+    [(1, 4), (3, 6)].into_iter().for_each(|(a, b)| exchange(a, b));
+    [(2, 4), (3, 5)].into_iter().for_each(|(a, b)| exchange(a, b));
+    exchange(3, 4);
+}
+
+/// The median over a vertex's triangles, the upper one of an even number; infinite of none.
+fn own(v: u32, incident: &Incident, telling: &[f64]) -> f64 {
+    let values = incident.of(v).iter().map(|&t| telling[t as usize]);
+    ordered(values, |values, finite| values.get(finite / 2).copied().unwrap_or(f64::INFINITY))
 }
 
 /// The median over a vertex, half as often as it has triangles, and its neighbours.
-fn typical(v: u32, flat: &Flat, incident: &Incident, own: &[f64], values: &mut Vec<f64>) -> f64 {
-    values.clear();
-    for (n, &t) in incident.of(v).iter().enumerate() {
-        let corners = flat.triangles[t as usize];
-        // Going round, each triangle has the next neighbour.
-        let next = if corners[0] == v {
-            corners[1]
-        } else if corners[1] == v {
-            corners[2]
-        } else {
-            corners[0]
-        };
-        values.extend(Some(own[next as usize]).filter(|value| value.is_finite()));
-        values.extend(Some(own[v as usize]).filter(|value| n % 2 == 0 && value.is_finite()));
-    }
-    middle(values)
-}
-
-/// The median, the upper one of an even number; infinite of none.
-fn middle(values: &mut [f64]) -> f64 {
-    const FEW: usize = 24;
-    match values.len() {
-        0 => f64::INFINITY,
-        // All are numbers: of so few that are put in order one by one.
-        1..=FEW => {
-            for sorted in 1..values.len() {
-                let own = values[sorted];
-                let mut at = sorted;
-                while at > 0 && values[at - 1] > own {
-                    values[at] = values[at - 1];
-                    at -= 1;
-                }
-                values[at] = own;
-            }
-            values[values.len() / 2]
+fn typical(v: u32, incident: &Incident, own: &[f64]) -> f64 {
+    let (next, value) = (incident.next(v), own[v as usize]);
+    ordered(next.iter().map(|&w| own[w as usize]), |values, finite| {
+        let times = if value.is_finite() { next.len().div_ceil(2) } else { 0 };
+        // As often as it is there it moves the middle down from that of the neighbours, and comes where it belongs.
+        let middle = (finite + times) / 2;
+        let at = |rank: Option<usize>| rank.and_then(|rank| values.get(rank).copied());
+        let (low, high) = (at(middle.checked_sub(times)), at(Some(middle)));
+        match times {
+            0 => high.unwrap_or(f64::INFINITY),
+            _ => value.max(low.unwrap_or(f64::NEG_INFINITY)).min(high.unwrap_or(f64::INFINITY)),
         }
-        _ => median(values),
-    }
+    })
 }
 
 /// Returns twice the triangles' areas as the light sees them, mm², negative from behind; `None` where the cloud does not tell where
@@ -238,4 +231,19 @@ fn lit_areas(cloud: &PointCloud, flat: &Flat, noise: &Noise<'_>) -> Option<Vec<f
         areas.iter_mut().for_each(|area| *area = -*area);
     }
     Some(areas)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_network_puts_all_in_order() {
+        // A network that orders noughts and ones orders anything (Knuth, 5.3.4, theorem Z).
+        for bits in 0_u32..1 << FEW {
+            let mut values: [f64; FEW] = std::array::from_fn(|k| f64::from(bits >> k & 1));
+            in_order(&mut values);
+            assert!(values.is_sorted(), "{bits:b}: {values:?}");
+        }
+    }
 }
