@@ -48,6 +48,21 @@ fn the_commands_of_the_readme_are_there_and_run_in_ci() {
 }
 
 #[test]
+fn the_python_module_is_tested_with_our_crates_optimised() {
+    let (manifest, lock) = (text("python/Cargo.toml"), text("python/Cargo.lock"));
+    let crates = fs::read_dir(root().join("crates")).expect("the crates' folder can be read");
+    let names = crates.map(|entry| entry.expect("its entries can be read").file_name());
+    let ours = names.map(|name| name.into_string().expect("names of crates are plain"));
+    for name in ours.chain(["uwscan".into()]).filter(|name| lock.contains(&format!("name = \"{name}\"\n"))) {
+        let line = format!("{name} = {{ opt-level = 2 }}");
+        assert!(
+            manifest.lines().any(|l| l == line),
+            "python/Cargo.toml lacks {line:?} in [profile.dev.package]"
+        );
+    }
+}
+
+#[test]
 fn the_changelog_tells_of_this_version() {
     let version = env!("CARGO_PKG_VERSION");
     let heading = format!("## {version}");
