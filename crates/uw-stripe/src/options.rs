@@ -4,6 +4,9 @@ use crate::engine::Tracking;
 use crate::precise::several::MOST as MOST_STRIPES;
 use crate::{Axis, NoiseModel, Roi, StripeError};
 
+/// Widest stripe and longest pooling, px and lines: beyond any camera's.
+const LARGEST_EXTENT: f32 = 1000.0;
+
 /// How the centre of the stripe is estimated.
 ///
 /// RMS errors below are over the Cramér–Rao bound of a single line, on the scenes of `examples/accuracy.rs` with the camera's noise given.
@@ -65,21 +68,21 @@ pub struct Options {
     /// One without speckle is the camera's alone: where a stripe is several times as rough as it says, the noise is read off the image
     /// where the width is.
     pub noise: Option<NoiseModel>,
-    /// Standard deviation of the stripe's cross section, px; `None`: estimated, by [`Method::Precise`] from each image, by the others from
-    /// the first image that shows enough of a stripe, and again after [`Extractor::forget`](crate::Extractor::forget).
+    /// Standard deviation of the stripe's cross section, at most 1000 px; `None`: estimated, by [`Method::Precise`] from each image, by the
+    /// others from the first image that shows enough of a stripe, and again after [`Extractor::forget`](crate::Extractor::forget).
     pub width_px: Option<f32>,
     /// Looks only around the last image's positions; `None`: at all pixels of every image. Not with [`Method::Precise`].
     pub track: Option<Tracking>,
     /// Stripes that [`Extractor::extract_all`](crate::Extractor::extract_all) looks for, 1 to 16.
     pub stripes: usize,
-    /// Pools positions along the stripe, under a Gaussian of this standard deviation in lines, against speckle and at the price of
+    /// Pools positions along the stripe, under a Gaussian of this standard deviation in lines, at most 1000, against speckle and at the price of
     /// resolution; `None`: each line for itself.
     pub pool_lines: Option<f32>,
     /// Clipping value where `noise` is not given, DN; `None`: the least 2ⁿ − 1 that the image does not exceed.
     pub full_scale_dn: Option<f32>,
     /// Least ratio of the fitted flux to its sigma.
     pub min_snr: f32,
-    /// Largest standard deviation of the cross section, px.
+    /// Largest standard deviation of the cross section, at most 1000 px.
     pub max_width_px: f32,
     /// Largest predicted sigma of the position, px.
     pub max_sigma_px: f32,
@@ -116,14 +119,21 @@ impl Options {
                 Err(StripeError::InvalidOption { name, needed: "finite and positive", got: f64::from(got) })
             }
         };
+        // What memory is taken by.
+        let extent = |name, got: f32| {
+            if got > LARGEST_EXTENT {
+                return Err(StripeError::InvalidOption { name, needed: "at most 1000", got: f64::from(got) });
+            }
+            positive(name, got)
+        };
         positive("min_snr", self.min_snr)?;
-        positive("max_width_px", self.max_width_px)?;
+        extent("max_width_px", self.max_width_px)?;
         positive("max_sigma_px", self.max_sigma_px)?;
         if let Some(width) = self.width_px {
-            positive("width_px", width)?;
+            extent("width_px", width)?;
         }
         if let Some(lines) = self.pool_lines {
-            positive("pool_lines", lines)?;
+            extent("pool_lines", lines)?;
         }
         if let Some(track) = self.track {
             positive("full_every", track.full_every as f32)?;

@@ -196,6 +196,8 @@ fn useless_calls_say_what_was_needed() {
     assert!(matches!(extractor.extract(view, None), Err(StripeError::RoiOutside { .. })));
     let bad = Options { min_snr: f32::NAN, ..Options::default() };
     assert!(matches!(Extractor::new(bad), Err(StripeError::InvalidOption { name: "min_snr", .. })));
+    let wide = Options { width_px: Some(4.6e27), noise: Some(NOISE), ..Options::default() };
+    assert!(matches!(Extractor::new(wide), Err(StripeError::InvalidOption { name: "width_px", .. })));
     let mut extractor = Extractor::new(Options::default()).unwrap();
     assert!(matches!(extractor.estimate_noise([view]), Err(StripeError::TooFewForNoise { got: 0, .. })));
 }
