@@ -9,257 +9,240 @@
 //! an object's outline, which is why the ends of stripes on balls and pipes are off by a tenth of a pixel and more, always to the
 //! same side. A straight stripe, however steep, and one of even strength are left as they are.
 
-use crate::precise::median;
+mod curves;
+
 use crate::profile::{Flags, Reject, Stripe};
 use crate::special::ln;
-use crate::verdict::run_reach;
+use curves::{Curves, REACH_LINES};
 use fearless_simd::{Level, Simd, dispatch};
 use std::ops::Range;
 
-/// Lines to either side that the local curve is fitted to.
-const REACH_LINES: usize = 3;
-/// Positions that a parabola needs to be more than drawn through its points.
-const LEAST_LINES: usize = 4;
 /// Standard deviation of the correction, as a share of it: what the second order leaves.
-const UNSURE: f64 = 0.5;
+const UNSURE: f32 = 0.5;
 /// A correction beyond this share of the stripe's width is no longer believed: the measurement is taken out.
-const LIMIT_WIDTHS: f64 = 0.15;
+const LIMIT_WIDTHS: f32 = 0.15;
 
 /// Below so many sigmas of its own noise a bend is left alone, above it is shrunk towards that (James and Stein): where there is none,
 /// a correction would only add noise.
-const SIGNIFICANT: f64 = 3.0;
-/// Change of ln strength from one line to the next beyond which the surface's brightness has an edge there, whose light does not mix as
-/// that of an even change does.
-const EDGE_STEP: f32 = 1.0;
-
-/// The curve around each line; NaN where it is not known.
-#[derive(Debug, Default)]
-struct Curves {
-    /// Natural logarithm of the strength.
-    ln_strength: Vec<f32>,
-    /// Whether the line goes on in the next one, and in the one before.
-    onward: Vec<u8>,
-    backward: Vec<u8>,
-    slope: Vec<f64>,
-    /// ½ f″ + f′ A′/A, 1/px.
-    bend: Vec<f64>,
-    /// Standard deviation of the bend from positions of unit noise, 1/px².
-    noise_gain: Vec<f64>,
-}
+const SIGNIFICANT: f32 = 3.0;
 
 /// Takes back what blur does where a stripe bends; keeps its buffers.
 #[derive(Debug, Default)]
 pub(crate) struct Bends {
     curves: Curves,
-    squares: Vec<f64>,
-    sigmas: Vec<f64>,
-    /// Which lines tell how wide the stripe is.
-    plain: Vec<bool>,
+    /// By line: 1 where it tells how wide the stripe is, 0 elsewhere.
+    plain: Vec<f32>,
+    widths: Widths,
+    upper: Vec<u16>,
+    shift: Vec<f32>,
+}
+
+/// The lines' logarithms of width² and of 1 + slope², 0 where they tell nothing, and whether they do (1).
+#[derive(Debug, Default)]
+struct Widths {
+    known: Vec<f32>,
+    ln_square: Vec<f32>,
+    ln_oblique: Vec<f32>,
+}
+
+/// What all bends of an image have in common.
+#[derive(Debug, Clone, Copy)]
+struct Blur {
+    /// Variance along the stripe, px².
+    variance: f32,
+    /// Longest shift that is believed, px.
+    limit: f32,
+    /// The stripe's usual noise, px: single sigmas are wide where a fit is poor, which a bend itself makes it.
+    sigma_px: f32,
 }
 
 impl Bends {
     /// Corrects the positions of `lines` for blur along a bent stripe, widens their sigmas by what that leaves unsure, and takes out those
     /// beyond belief.
     pub fn unbend(&mut self, level: Level, stripe: &mut Stripe, lines: Range<usize>) {
-        let Self { curves, squares, sigmas, plain } = self;
         let position = &stripe.position_px[lines.clone()];
         let width = &stripe.width_px[lines.clone()];
-        dispatch!(level, simd => curves.along(simd, position, width, &stripe.amplitude[lines.clone()]));
-        curves.near_breaks(position);
-        let share = {
-            plain.clear();
-            // An edge of brightness widens and narrows what crosses it, and bends the curve as far as that reaches.
-            let edge = |flags: &Flags| flags.contains(Flags::EDGE);
-            let any = stripe.flags.iter().any(edge);
-            plain.extend(lines.clone().map(|line| {
-                let near = line.saturating_sub(REACH_LINES)..(line + REACH_LINES + 1).min(stripe.flags.len());
-                !any || !stripe.flags[near].iter().any(edge)
-            }));
-            dispatch!(level, simd => blur_along(simd, curves, width, plain))
-        };
-        // Width square to the stripe: a line cuts a steep one obliquely.
-        squares.clear();
-        sigmas.clear();
-        for (i, line) in lines.clone().enumerate() {
-            if !curves.bend[i].is_nan() {
-                let slope = curves.slope[i];
-                squares.push(f64::from(stripe.width_px[line]).powi(2) / (1.0 + share * slope * slope));
-                // The stripe's usual noise: single sigmas are wide where a fit is poor, which a bend itself makes it.
-                sigmas.push(f64::from(stripe.sigma_px[line]));
-            }
-        }
-        if squares.is_empty() {
-            return;
-        }
-        let square = median(squares);
-        let (variance, limit) = (share * square, LIMIT_WIDTHS * square.sqrt());
-        let sigma_px = median(sigmas);
-        for (i, line) in lines.enumerate() {
-            let bend = curves.bend[i];
-            let noise = sigma_px * curves.noise_gain[i];
-            if bend.is_nan() {
-                continue;
-            }
-            let doubt = (SIGNIFICANT * noise / bend).powi(2);
-            let sigma = f64::from(stripe.sigma_px[line]);
-            if doubt.is_nan() || doubt >= 1.0 {
-                // At an edge of brightness it may be real all the same.
-                if stripe.flags[line].contains(Flags::EDGE) {
-                    stripe.sigma_px[line] = sigma.hypot(variance * bend) as f32;
-                }
-                continue;
-            }
-            let shift = variance * bend * (1.0 - doubt);
-            if shift.abs() > limit {
+        let amplitude = &stripe.amplitude[lines.clone()];
+        dispatch!(level, simd => self.curves.along(simd, position, width, amplitude));
+        self.curves.near_breaks(position);
+        let edges = stripe.flags.iter().fold(Flags::NONE, |all, f| all | *f).contains(Flags::EDGE);
+        self.tell(&stripe.flags, lines.clone(), edges);
+        let sigma = &stripe.sigma_px[lines.clone()];
+        let Some(blur) = dispatch!(level, simd => self.blur(simd, width, sigma)) else { return };
+        let (position, sigma) = (&mut stripe.position_px[lines.clone()], &mut stripe.sigma_px[lines.clone()]);
+        let beyond = dispatch!(level, simd => self.shift(simd, blur, position, sigma));
+        if beyond {
+            for (line, _) in lines.clone().zip(&self.shift).filter(|(_, s)| s.abs() > blur.limit) {
                 stripe.drop_line(line, Reject::Bent);
-            } else {
-                let (unsure, noise) = (UNSURE * shift, variance * noise);
-                stripe.sigma_px[line] = (sigma * sigma + unsure * unsure + noise * noise).sqrt() as f32;
-                stripe.position_px[line] = (f64::from(stripe.position_px[line]) - shift) as f32;
+            }
+        }
+        if edges {
+            // There a bend that noise would explain may be real all the same.
+            for (i, line) in lines.enumerate() {
+                let bend = self.curves.bend[i];
+                if self.shift[i] == 0.0 && !bend.is_nan() && stripe.flags[line].contains(Flags::EDGE) {
+                    stripe.sigma_px[line] = stripe.sigma_px[line].hypot(blur.variance * bend);
+                }
             }
         }
     }
-}
 
-/// Whether the stripe is blurred along as across (1), or only along its lines (0), as its widths tell: one cut obliquely by a line
-/// looks √(1 + f′²) as wide, a blur along the lines as wide everywhere. Without steep lines to tell by, the lens is believed.
-#[inline(always)]
-fn blur_along<S: Simd>(_: S, curves: &Curves, width: &[f32], plain: &[bool]) -> f64 {
-    /// Standard deviation of 1 beforehand, and of ln width² beyond its noise.
-    const DOUBT: f64 = 0.5;
-    const UNEVEN: f64 = 0.2;
-    /// Sums that go beside each other.
-    const LANES: usize = 8;
-    let mut sums = [[0.0f64; LANES]; 5];
-    let mut add = |l: usize, bend: f64, slope: f64, width: f32, plain: bool| {
-        let used = plain & !bend.is_nan();
-        // Logarithms of width² and of 1 + slope²; those of what is not used are anything.
-        let w = f64::from(2.0 * ln(width));
-        let s = f64::from(ln((1.0 + slope * slope) as f32));
-        for (sum, term) in sums.iter_mut().zip([1.0, w, s, w * s, s * s]) {
-            sum[l] += if used { term } else { 0.0 };
-        }
-    };
-    let n = width.len();
-    let (bend, slope, plain) = (&curves.bend[..n], &curves.slope[..n], &plain[..n]);
-    for from in (0..n).step_by(LANES) {
-        for l in 0..LANES.min(n - from) {
-            let i = from + l;
-            add(l, bend[i], slope[i], width[i], plain[i]);
+    /// Which lines tell how wide the stripe is: an edge of brightness widens and narrows what crosses it, and bends the curve as far as that reaches.
+    fn tell(&mut self, flags: &[Flags], lines: Range<usize>, edges: bool) {
+        self.plain.clear();
+        self.plain.resize(lines.len(), 1.0);
+        if edges {
+            for (plain, line) in self.plain.iter_mut().zip(lines) {
+                let near = line.saturating_sub(REACH_LINES)..(line + REACH_LINES + 1).min(flags.len());
+                *plain = if flags[near].iter().any(|f| f.contains(Flags::EDGE)) { 0.0 } else { 1.0 };
+            }
         }
     }
-    let [n, w, s, ws, ss] = sums.map(|lanes| lanes.iter().sum::<f64>());
-    if n == 0.0 {
-        return 1.0;
-    }
-    let (cross, square) = (ws - w * s / n, (ss - s * s / n).max(0.0));
-    // Neighbours' widths go together: about one in ten lines says something of its own.
-    let known = 0.1 * square / (UNEVEN * UNEVEN);
-    let prior = DOUBT.powi(-2);
-    let told = if square > 0.0 { cross / square } else { 1.0 };
-    ((prior + known * told) / (prior + known)).clamp(0.0, 1.0)
-}
 
-impl Curves {
-    /// The curves where all lines within reach belong to the run, as nearly everywhere: the offsets' odd moments are 0.
+    /// The blur along the stripe; `None` where no line's curve is known.
     #[inline(always)]
-    fn along<S: Simd>(&mut self, _: S, position: &[f32], width: &[f32], amplitude: &[f32]) {
-        const COUNT: usize = 2 * REACH_LINES + 1;
-        /// Σ 1, Σ x², Σ x⁴ over the offsets, and the determinant of the first and the last.
-        const MOMENTS: [f64; 3] = [7.0, 28.0, 196.0];
-        const DETERMINANT: f64 = MOMENTS[0] * MOMENTS[2] - MOMENTS[1] * MOMENTS[1];
+    fn blur<S: Simd>(&mut self, simd: S, width: &[f32], sigma: &[f32]) -> Option<Blur> {
+        let Self { curves, plain, widths, upper, .. } = self;
+        let share = widths.blur_along(simd, curves, width, plain);
+        // Width square to the stripe: a line cuts a steep one obliquely.
+        let square = (curves.slope.iter().zip(width)).map(|(slope, w)| w * w / (1.0 + share * slope * slope));
+        let square = median_of_known(&curves.bend, square, upper)?;
+        let sigma_px = median_of_known(&curves.bend, sigma.iter().copied(), upper)?;
+        Some(Blur { variance: share * square, limit: LIMIT_WIDTHS * square.sqrt(), sigma_px })
+    }
+
+    /// Takes back what is more than noise, and keeps it in `shift`; true if some of it is beyond belief: those lines stay as they were.
+    #[inline(always)]
+    fn shift<S: Simd>(&mut self, _: S, blur: Blur, position: &mut [f32], sigma: &mut [f32]) -> bool {
         let n = position.len();
-        self.ln_strength.clear();
-        self.ln_strength.extend(amplitude.iter().map(|a| ln(a.max(1e-6))));
-        for links in [&mut self.onward, &mut self.backward] {
-            links.clear();
-            links.resize(n, 0);
+        self.shift.clear();
+        self.shift.resize(n, 0.0);
+        let (bend, noise_gain) = (&self.curves.bend[..n], &self.curves.noise_gain[..n]);
+        let (shift, sigma) = (&mut self.shift[..n], &mut sigma[..n]);
+        let significant = (SIGNIFICANT * blur.sigma_px).powi(2);
+        let noise = (blur.variance * blur.sigma_px).powi(2);
+        let mut beyond = 0u32;
+        for i in 0..n {
+            let doubt = significant * noise_gain[i] / (bend[i] * bend[i]);
+            let moved = if doubt < 1.0 { blur.variance * bend[i] * (1.0 - doubt) } else { 0.0 };
+            let believed = moved.abs() <= blur.limit;
+            beyond += u32::from(!believed);
+            shift[i] = moved;
+            position[i] -= if believed { moved } else { 0.0 };
+            let unsure = (UNSURE * moved).powi(2) + noise * noise_gain[i];
+            let wider = (sigma[i] * sigma[i] + unsure).sqrt();
+            sigma[i] = if believed & (doubt < 1.0) { wider } else { sigma[i] };
         }
-        for values in [&mut self.slope, &mut self.bend, &mut self.noise_gain] {
+        beyond > 0
+    }
+}
+
+impl Widths {
+    /// Whether the stripe is blurred along as across (1), or only along its lines (0), as its widths tell: one cut obliquely by a line
+    /// looks √(1 + f′²) as wide, a blur along the lines as wide everywhere. Without steep lines to tell by, the lens is believed.
+    #[inline(always)]
+    fn blur_along<S: Simd>(&mut self, _: S, curves: &Curves, width: &[f32], plain: &[f32]) -> f32 {
+        /// Standard deviation of 1 beforehand, and of ln width² beyond its noise.
+        const DOUBT: f32 = 0.5;
+        const UNEVEN: f32 = 0.2;
+        let count = width.len();
+        for values in [&mut self.known, &mut self.ln_square, &mut self.ln_oblique] {
             values.clear();
-            values.resize(n, f64::NAN);
+            values.resize(count, 0.0);
         }
-        let Some(steps) = n.checked_sub(1) else { return };
-        let (here, next) = (&position[..steps], &position[1..][..steps]);
-        let (widths, next_widths) = (&width[..steps], &width[1..][..steps]);
-        let (strength, next_strength) = (&self.ln_strength[..steps], &self.ln_strength[1..][..steps]);
-        let (onward, backward) = (&mut self.onward[..steps], &mut self.backward[1..][..steps]);
-        for i in 0..steps {
-            let step = (next[i] - here[i]).abs();
-            let even = (next_strength[i] - strength[i]).abs() <= EDGE_STEP;
-            onward[i] = u8::from(even & (step <= run_reach(widths[i])));
-            backward[i] = u8::from(even & (step <= run_reach(next_widths[i])));
+        let (bend, slope, plain) = (&curves.bend[..count], &curves.slope[..count], &plain[..count]);
+        let (known, w, s) =
+            (&mut self.known[..count], &mut self.ln_square[..count], &mut self.ln_oblique[..count]);
+        for i in 0..count {
+            // Logarithms of what is not known are anything.
+            let used = !bend[i].is_nan() & (plain[i] > 0.0);
+            known[i] = if used { 1.0 } else { 0.0 };
+            w[i] = if used { 2.0 * ln(width[i]) } else { 0.0 };
+            s[i] = if used { ln(1.0 + slope[i] * slope[i]) } else { 0.0 };
         }
-        let Some(whole) = (n + 1).checked_sub(COUNT) else { return };
-        let p: [&[f32]; COUNT] = std::array::from_fn(|k| &position[k..][..whole]);
-        let a: [&[f32]; COUNT] = std::array::from_fn(|k| &self.ln_strength[k..][..whole]);
-        let onward: [&[u8]; REACH_LINES] = std::array::from_fn(|k| &self.onward[REACH_LINES + k..][..whole]);
-        let backward: [&[u8]; REACH_LINES] = std::array::from_fn(|k| &self.backward[1 + k..][..whole]);
-        let slopes = &mut self.slope[REACH_LINES..][..whole];
-        let bends = &mut self.bend[REACH_LINES..][..whole];
-        let gains = &mut self.noise_gain[REACH_LINES..][..whole];
-        for i in 0..whole {
-            let (mut moments, mut growth) = ([0.0f64; 3], 0.0f64);
-            for k in 0..COUNT {
-                let x = k as f64 - REACH_LINES as f64;
-                let u = f64::from(p[k][i] - p[REACH_LINES][i]);
-                moments = [moments[0] + u, moments[1] + x * u, moments[2] + x * x * u];
-                growth += x * f64::from(a[k][i]);
-            }
-            let curvature = (MOMENTS[0] * moments[2] - MOMENTS[1] * moments[0]) / DETERMINANT;
-            let (slope, growth) = (moments[1] / MOMENTS[1], growth / MOMENTS[1]);
-            let joined =
-                onward[0][i] & onward[1][i] & onward[2][i] & backward[0][i] & backward[1][i] & backward[2][i];
-            let known = joined == 1;
-            slopes[i] = if known { slope } else { f64::NAN };
-            bends[i] = if known { curvature + slope * growth } else { f64::NAN };
-            gains[i] = (growth * growth / MOMENTS[1] + MOMENTS[0] / DETERMINANT).sqrt();
+        let n = sum(known, known);
+        if n == 0.0 {
+            return 1.0;
+        }
+        let (mean_w, mean_s) = (sum(w, known) / n, sum(s, known) / n);
+        for i in 0..count {
+            w[i] -= known[i] * mean_w;
+            s[i] -= known[i] * mean_s;
+        }
+        let (cross, square) = (sum(w, s), sum(s, s));
+        // Neighbours' widths go together: about one in ten lines says something of its own.
+        let known = 0.1 * square / (UNEVEN * UNEVEN);
+        let prior = DOUBT.powi(-2);
+        let told = if square > 0.0 { cross / square } else { 1.0 };
+        ((prior + known * told) / (prior + known)).clamp(0.0, 1.0)
+    }
+}
+
+/// Σ a b, in sums that go beside each other and are the same ones on all processors.
+#[inline(always)]
+fn sum(a: &[f32], b: &[f32]) -> f32 {
+    const LANES: usize = 16;
+    let mut sums = [0.0f32; LANES];
+    let (a, b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    let rest: f32 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a.zip(b) {
+        for l in 0..LANES {
+            sums[l] += a[l] * b[l];
         }
     }
+    sums.iter().sum::<f32>() + rest
+}
 
-    /// The curves near the ends of runs, from fewer lines.
-    fn near_breaks(&mut self, position: &[f32]) {
-        for line in 0..position.len() {
-            if self.bend[line].is_nan()
-                && !position[line].is_nan()
-                && let Some([slope, bend, noise_gain]) = self.local(position, line)
-            {
-                (self.slope[line], self.bend[line], self.noise_gain[line]) = (slope, bend, noise_gain);
+/// Median of the positive `values` whose `known` is a number, to a part in 512; `None` if there are none.
+///
+/// The upper bits of such numbers, exponent and eight of the fraction, are in the same order; each bit of the median's is told by how many are below.
+#[inline(always)]
+fn median_of_known(known: &[f32], values: impl Iterator<Item = f32>, upper: &mut Vec<u16>) -> Option<f32> {
+    const LOWER: u32 = 15;
+    upper.clear();
+    upper.extend(
+        known
+            .iter()
+            .zip(values)
+            .map(|(k, v)| if k.is_nan() { u16::MAX } else { (v.to_bits() >> LOWER) as u16 }),
+    );
+    let count = below(upper, u16::MAX);
+    let rank = (count > 0).then_some(count / 2)?;
+    let median = (0..16)
+        .rev()
+        .map(|bit| 1 << bit)
+        .fold(0, |median, bit| if below(upper, median | bit) <= rank { median | bit } else { median });
+    // The middle of what the lower bits may make of it.
+    Some(f32::from_bits((u32::from(median) << LOWER) | 1 << (LOWER - 1)))
+}
+
+/// How many are below a limit, in counts that a vector holds as many of as of the values.
+#[inline(always)]
+fn below(values: &[u16], limit: u16) -> u32 {
+    values
+        .chunks(1 << 15)
+        .map(|part| u32::from(part.iter().fold(0u16, |n, v| n + u16::from(*v < limit))))
+        .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn medians_are_those_of_a_sorted_list(
+            values in prop::collection::vec((1e-6f32..1e6, prop::bool::weighted(0.8)), 0..300),
+        ) {
+            let known: Vec<f32> = values.iter().map(|(_, known)| if *known { 0.0 } else { f32::NAN }).collect();
+            let median = median_of_known(&known, values.iter().map(|(v, _)| *v), &mut Vec::new());
+            let mut sorted: Vec<f32> = values.iter().filter(|(_, known)| *known).map(|(v, _)| *v).collect();
+            sorted.sort_by(f32::total_cmp);
+            match (median, sorted.get(sorted.len() / 2)) {
+                (Some(got), Some(want)) => prop_assert!((got / want - 1.0).abs() < 1.0 / 500.0, "{got} for {want}"),
+                (got, want) => prop_assert_eq!(got.is_none(), want.is_none()),
             }
         }
-    }
-
-    /// A parabola through the positions and a straight line through the logarithm of the strengths around `line`, over the unbroken
-    /// run that it belongs to: slope, bend and its gain of noise; `None` where that is too short.
-    fn local(&self, position: &[f32], line: usize) -> Option<[f64; 3]> {
-        let (mut first, mut last) = (line, line);
-        while line - first < REACH_LINES && self.backward[first] == 1 {
-            first -= 1;
-        }
-        while last - line < REACH_LINES && self.onward[last] == 1 {
-            last += 1;
-        }
-        if last + 1 - first < LEAST_LINES {
-            return None;
-        }
-        // Moments of the offsets from `line`, and of positions and strengths with them.
-        let (mut m, mut p, mut s) = ([0.0; 5], [0.0; 3], [0.0; 2]);
-        for i in first..=last {
-            let x = i as f64 - line as f64;
-            let powers = [1.0, x, x * x, x * x * x, x * x * x * x];
-            let (u, strength) = (f64::from(position[i] - position[line]), f64::from(self.ln_strength[i]));
-            (0..5).for_each(|k| m[k] += powers[k]);
-            (0..3).for_each(|k| p[k] += powers[k] * u);
-            (0..2).for_each(|k| s[k] += powers[k] * strength);
-        }
-        let normal = nalgebra::Matrix3::new(m[0], m[1], m[2], m[1], m[2], m[3], m[2], m[3], m[4]);
-        let factor = normal.cholesky()?;
-        let curve = factor.solve(&nalgebra::Vector3::from(p));
-        let growth = (m[0] * s[1] - m[1] * s[0]) / (m[0] * m[2] - m[1] * m[1]);
-        let bend = curve.z + curve.y * growth;
-        // The bend is linear in the positions: its variance is gᵀ N⁻¹ g of theirs, g picking curvature and slope.
-        let picked = nalgebra::Vector3::new(0.0, growth, 1.0);
-        let noise_gain = picked.dot(&factor.solve(&picked)).max(0.0).sqrt();
-        (bend.is_finite() && noise_gain.is_finite()).then_some([curve.y, bend, noise_gain])
     }
 }

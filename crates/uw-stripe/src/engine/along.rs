@@ -67,9 +67,11 @@ impl Engine {
         if signs.bent || signs.edges {
             self.along.bends.unbend(level, stripe, lines.clone());
         }
-        if signs.edges || signs.rough || signs.bent {
+        let most = self.model.max_sigma_px;
+        let imprecise = stripe.sigma_px[lines.clone()].iter().fold(false, |any, sigma| any | (*sigma > most));
+        if imprecise && (signs.edges || signs.rough || signs.bent) {
             for line in lines {
-                if stripe.reject[line].is_none() && stripe.sigma_px[line] > self.model.max_sigma_px {
+                if stripe.reject[line].is_none() && stripe.sigma_px[line] > most {
                     stripe.drop_line(line, Reject::Imprecise);
                 }
             }

@@ -55,7 +55,7 @@ impl Engine {
         buffers: &mut Buffers<P>,
         stripe: &mut Stripe,
     ) {
-        if buffers.front.places[1].at.iter().any(|a| *a != NOWHERE) {
+        if buffers.front.places[1].at.iter().fold(false, |any, at| any | (*at != NOWHERE)) {
             self.second_say(job, buffers, stripe);
         }
         if self.goes_on(job, &mut buffers.front.places[1].at, stripe) {
@@ -67,7 +67,10 @@ impl Engine {
             s.flags[line].contains(Flags::SATURATED)
                 || (s.flags[line].contains(Flags::EDGE) && s.reject[line].is_none())
         };
-        if !lines.clone().any(|line| needs(stripe, line)) {
+        // Without an early end, which vectors do not have; few images have any.
+        let any = stripe.flags[lines.clone()].iter().fold(Flags::NONE, |any, flags| any | *flags);
+        let unfit = Flags::SATURATED | Flags::EDGE;
+        if any.without(unfit) == any || !lines.clone().any(|line| needs(stripe, line)) {
             return;
         }
         let (mut fits, mut shapes) =
@@ -110,7 +113,7 @@ impl Engine {
         let (first_line, first_pixel, length) = job.origin();
         let position = &stripe.position_px[first_line..first_line + job.lines()];
         let reach = run_reach(self.model.width_px);
-        if position.windows(2).all(|p| (p[1] - p[0]).abs() <= reach) {
+        if unbroken(position, reach) {
             return false;
         }
         places.fill(NOWHERE);
@@ -275,15 +278,20 @@ impl Engine {
         let reach = run_reach(self.model.width_px);
         // Nearly always one run from end to end: then there is nothing to keep book of.
         let position = &stripe.position_px[lines.clone()];
-        let mut smooth = position.len() >= LEAST_RUN;
-        for pair in position.windows(2) {
-            smooth &= (pair[1] - pair[0]).abs() <= reach;
-        }
-        if smooth {
+        if position.len() >= LEAST_RUN && unbroken(position, reach) {
             return;
         }
         verdict::drop_lonely(stripe, lines, |_| true, &mut self.second.keep);
     }
+}
+
+/// Whether no step from a line to the next is longer than `reach`, and none is missing; without an early end, which vectors do not have.
+fn unbroken(position: &[f32], reach: f32) -> bool {
+    let mut unbroken = true;
+    for pair in position.windows(2) {
+        unbroken &= (pair[1] - pair[0]).abs() <= reach;
+    }
+    unbroken
 }
 
 /// Exchanges one line of two results.

@@ -138,30 +138,30 @@ impl<P: Pixel> Windows<P> {
         let (taps, spread) = (2 * group.half + 1, (high - low) as usize);
         let top = roi.y + (low - half) as usize;
         let (strip, stride) = image.starting_at(roi.x + group.first + lane, top);
-        let raw = &mut self.raw;
+        // A row for each offset.
+        let raw = &mut self.raw.as_chunks_mut::<GROUP>().0[..taps + spread];
         let mut shift = if spread == 0 { 0 } else { 1 << spread.ilog2() };
         // The highest power of two that occurs in the shifts moves the image's rows, the lower ones what is there already.
         let last = taps + spread - 1;
         if shift == 0 {
-            for k in 0..taps {
-                row(simd, strip, k * stride).store_slice(&mut raw[k * GROUP + lane..][..P::N]);
+            for (k, out) in raw[..taps].iter_mut().enumerate() {
+                row(simd, strip, k * stride).store_slice(&mut out[lane..][..P::N]);
             }
             return;
         }
         let mut moved = left.simd_gt(splat(simd, P::from_index(shift as u8 - 1)));
-        for k in 0..taps + (shift - 1).min(spread) {
+        for (k, out) in raw[..taps + (shift - 1).min(spread)].iter_mut().enumerate() {
             let value =
                 moved.select(row(simd, strip, (k + shift).min(last) * stride), row(simd, strip, k * stride));
-            value.store_slice(&mut raw[k * GROUP + lane..][..P::N]);
+            value.store_slice(&mut out[lane..][..P::N]);
         }
         while shift > 1 {
             left = moved.select(left - splat(simd, P::from_index(shift as u8)), left);
             shift /= 2;
             moved = left.simd_gt(splat(simd, P::from_index(shift as u8 - 1)));
             for k in 0..taps + shift - 1 {
-                let here = row(simd, raw, k * GROUP + lane);
-                let there = row(simd, raw, (k + shift) * GROUP + lane);
-                moved.select(there, here).store_slice(&mut raw[k * GROUP + lane..][..P::N]);
+                let (here, there) = (row(simd, &raw[k], lane), row(simd, &raw[k + shift], lane));
+                moved.select(there, here).store_slice(&mut raw[k][lane..][..P::N]);
             }
         }
     }
