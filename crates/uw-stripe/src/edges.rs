@@ -2,7 +2,7 @@
 //! more on one side moves a centre by width² · d ln(albedo)/dx. The change across a line is not seen; along the stripe it is, and an edge may
 //! run either way.
 
-use crate::precise::median;
+use crate::median::median;
 use crate::profile::{Reject, Stripe};
 use crate::verdict::run_reach;
 use std::ops::Range;

@@ -1,11 +1,12 @@
 //! The extractor: one entry for every method.
 
-use fearless_simd::Level;
+use fearless_simd::{Level, dispatch};
 
 use crate::engine::{AllBuffers, Engine, Job, Kind, Model};
+use crate::median::median_of_known;
 use crate::options::{Method, Options};
 use crate::pool::Pool;
-use crate::precise::{Precise, median};
+use crate::precise::Precise;
 use crate::profile::{Flags, Reject, Stripe};
 use crate::ridge::Ridge;
 use crate::{NoiseModel, Pixel, StripeError, View};
@@ -39,7 +40,7 @@ pub struct Extractor {
     engine: Option<Engine>,
     /// Made for the width across the stripe, px, which the stripe's slope tells.
     ridge: Option<(f64, Ridge)>,
-    slopes: Vec<f64>,
+    slopes: Slopes,
     pool: Pool,
     buffers: AllBuffers,
     stripe: Stripe,
@@ -64,7 +65,7 @@ impl Extractor {
             options,
             engine: None,
             ridge: None,
-            slopes: Vec::new(),
+            slopes: Slopes::default(),
             pool: Pool::default(),
             buffers: AllBuffers::default(),
             stripe: Stripe::empty(),
@@ -166,10 +167,12 @@ impl Extractor {
                 if self.options.method == Method::Ridge {
                     let width = f64::from(engine.model().width_px);
                     // By steps, so that kernels are kept and a result depends on its own image alone.
-                    let step = (obliquity(&self.stripe, &mut self.slopes).ln() / OBLIQUITY_STEP).round();
+                    let step =
+                        (self.slopes.obliquity(self.level, &self.stripe).ln() / OBLIQUITY_STEP).round();
                     let across = width / (step * OBLIQUITY_STEP).exp();
                     let kept = self.ridge.take().filter(|(of, _)| of.total_cmp(&across).is_eq());
-                    let (_, ridge) = self.ridge.insert(kept.unwrap_or_else(|| (across, Ridge::new(across))));
+                    let (_, ridge) =
+                        self.ridge.insert(kept.unwrap_or_else(|| (across, Ridge::new(across, self.level))));
                     ridge.replace(&image, &mut self.stripe);
                 }
             }
@@ -248,15 +251,27 @@ fn finish(options: &Options, pool: &mut Pool, stripe: &mut Stripe) {
     }
 }
 
-/// Width along a line by that across the stripe: the median of √(1 + slope²) over the image.
-fn obliquity(stripe: &Stripe, all: &mut Vec<f64>) -> f64 {
-    /// Lines over which a slope is told.
-    const OVER: usize = 4;
-    let slope = |p: &[f32]| f64::from((p[OVER] - p[0]) / OVER as f32);
-    let slopes = stripe.position_px.windows(OVER + 1).map(slope);
-    all.clear();
-    all.extend(slopes.filter(|s| s.is_finite()).map(f64::abs));
-    if all.is_empty() { 1.0 } else { median(all).hypot(1.0) }
+/// Memory for slopes, and for their median.
+#[derive(Debug, Default)]
+struct Slopes {
+    of: Vec<f32>,
+    upper: Vec<u16>,
+}
+
+impl Slopes {
+    /// Width along a line by that across the stripe: the median of √(1 + slope²) over the image.
+    fn obliquity(&mut self, level: Level, stripe: &Stripe) -> f64 {
+        /// Lines over which a slope is told.
+        const OVER: usize = 4;
+        let Self { of, upper } = self;
+        let onward = stripe.position_px.get(OVER..).unwrap_or(&[]);
+        of.clear();
+        of.extend(
+            stripe.position_px.iter().zip(onward).map(|(here, there)| (there - here).abs() / OVER as f32),
+        );
+        let median = dispatch!(level, _simd => median_of_known(of, of.iter().copied(), upper));
+        median.map_or(1.0, |slope| f64::from(slope).hypot(1.0))
+    }
 }
 
 /// Longest step from a line to the next that is pooled across, px.

@@ -37,6 +37,7 @@ mod error;
 mod extractor;
 mod flats;
 mod lines;
+mod median;
 mod mle;
 mod noise;
 mod options;

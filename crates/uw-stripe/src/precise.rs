@@ -364,12 +364,3 @@ fn shape(line: Line<'_>, c: &Candidate, prior: Option<WidthPrior>) -> (f64, f64)
     let width = if clipped > 0 { width.min(0.5 * clipped as f64 + 0.5) } else { width };
     (c.centre as f64 + mean, width)
 }
-
-/// Upper median; 0 for an empty slice.
-pub(crate) fn median(values: &mut [f64]) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
-}

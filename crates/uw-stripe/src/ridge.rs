@@ -24,12 +24,12 @@ const SIGMAS: std::ops::RangeInclusive<f64> = 0.8..=8.0;
 /// Moves to another pixel before a candidate is given up.
 const MOVES: usize = 4;
 /// A ridge further off than that belongs to another pixel: Steger's own program allows 0.6 px.
-const BELONGS_PX: f64 = 0.6;
+const BELONGS_PX: f32 = 0.6;
 /// Least share of the normal along the line: slopes to 4.
-const LEAST_ALONG: f64 = 0.24;
+const LEAST_ALONG: f32 = 0.24;
 /// Of a stripe's light the kernel's square takes (2/3)^1.5, of the light's square (1/2)^1.5.
-const SHOT: f64 = 0.544_331;
-const SPECKLE: f64 = 0.353_553;
+const SHOT: f32 = 0.544_331;
+const SPECKLE: f32 = 0.353_553;
 /// Vectors of the widest kernel, and its rows.
 const MOST: usize = 4;
 const HIGHEST: usize = 2 * (REACH * *SIGMAS.end()) as usize + 1;
@@ -40,15 +40,15 @@ const NOWHERE: usize = usize::MAX;
 #[derive(Debug, Default)]
 pub(crate) struct RidgePoints {
     /// Where the ridge crosses the line.
-    pub position: Vec<f64>,
+    pub position: Vec<f32>,
     /// Its predicted standard deviation, pooled along the ridge: px.
-    pub sigma: Vec<f64>,
+    pub sigma: Vec<f32>,
     /// Change of the position from a line to the next.
-    pub slope: Vec<f64>,
+    pub slope: Vec<f32>,
     /// Peak height, DN, if the stripe has the kernel's width.
-    pub amplitude: Vec<f64>,
+    pub amplitude: Vec<f32>,
     /// Grey value under it, DN.
-    pub background: Vec<f64>,
+    pub background: Vec<f32>,
 }
 
 impl RidgePoints {
@@ -58,7 +58,7 @@ impl RidgePoints {
             [&mut self.position, &mut self.sigma, &mut self.slope, &mut self.amplitude, &mut self.background]
         {
             of.clear();
-            of.resize(lines, f64::NAN);
+            of.resize(lines, f32::NAN);
         }
     }
 }
@@ -77,8 +77,8 @@ pub(crate) struct Ridge {
 }
 
 impl Ridge {
-    /// Kernels for a stripe of standard deviation `width_px` across.
-    pub fn new(width_px: f64) -> Self {
+    /// Kernels for a stripe of standard deviation `width_px` across, in the instructions of `level`.
+    pub fn new(width_px: f64, level: Level) -> Self {
         /// Either side of the middle, in sigmas.
         const OFF: f64 = 0.05;
         let sigma = if width_px.is_finite() {
@@ -100,8 +100,8 @@ impl Ridge {
         let slope = taps(&|t| t * gauss(t));
         let mut bend = taps(&|t| (t * t - 1.0) * gauss(t));
         // An even background shall have no bend, cut off as the kernel is.
-        let level = bend.iter().sum::<f64>() / smooth.iter().sum::<f64>();
-        bend.iter_mut().zip(&smooth).for_each(|(b, s)| *b -= level * s);
+        let even = bend.iter().sum::<f64>() / smooth.iter().sum::<f64>();
+        bend.iter_mut().zip(&smooth).for_each(|(b, s)| *b -= even * s);
         // What that takes from the bend of a stripe of the kernel's width is found from how its slope grows away from the middle.
         let stripe = |kernel: &[f64], off: f64| -> f64 {
             kernel.iter().zip(taps(&|t| gauss(t - off))).map(|(k, light)| k * light).sum()
@@ -122,7 +122,7 @@ impl Ridge {
             half,
             kernels,
             straight: straight::Straight::new(sigma),
-            level: Level::new(),
+            level,
             onto: onto::Onto::default(),
         }
     }
@@ -148,7 +148,7 @@ impl Ridge {
             // The same sums in the same order on every level: only the registers differ.
             dispatch!(level, simd => self.chunk(simd, (image, axis), (first, candidates), noise, points));
         }
-        self.straight.straighten(points);
+        self.straight.straighten(level, points);
     }
 
     /// The ridge next to the candidates of some lines, as smoothed.
@@ -189,16 +189,16 @@ impl Ridge {
                     continue;
                 }
                 if step.abs() <= BELONGS_PX {
-                    points.position[first + l] = from as f64 + step;
+                    points.position[first + l] = from as f32 + step;
                     points.sigma[first + l] = found.sigma[l];
                     points.slope[first + l] = found.slope[l];
                     points.amplitude[first + l] = found.amplitude[l];
                     points.background[first + l] = found.background[l];
                     continue;
                 }
-                let most = self.sigma.max(1.0);
-                let to = from as f64 + step.clamp(-most, most).round();
-                if (0.0..length as f64).contains(&to) {
+                let most = self.sigma.max(1.0) as f32;
+                let to = from as f32 + step.clamp(-most, most).round();
+                if (0.0..length as f32).contains(&to) {
                     *pixel = to as usize;
                     moved = true;
                 }
@@ -230,7 +230,7 @@ impl Ridge {
             }
         }
         let mut sums = [[0.0; CHUNK]; 6];
-        for (sums, products) in sums.iter_mut().zip(products) {
+        for (sums, products) in sums.iter_mut().zip(&products) {
             totals(products).store_slice(sums);
         }
         let [r, rx, ry, rxx, rxy, ryy] = sums;
@@ -258,7 +258,7 @@ impl Ridge {
         let patch = if inside {
             image.starting_at(x - half, y - half)
         } else {
-            copy = patch(image, x, y, half);
+            copy = patch(image, (x, y), half, V * CHUNK);
             (copy.as_flattened(), MOST * CHUNK)
         };
         let mut down = [[f32x16::splat(simd, 0.0); 3]; V];
@@ -291,18 +291,18 @@ impl Ridge {
     /// Where the ridge crosses some lines, from r and its derivatives.
     #[inline(always)]
     fn ridges(&self, [r, ra, rc, raa, rac, rcc]: &[[f32; CHUNK]; 6], noise: &NoiseModel) -> Found {
-        let sigma = self.sigma;
+        let sigma = self.sigma as f32;
         // The kernel widens the stripe's own variance by its own.
         let widened = 2.0 * sigma * sigma;
-        let (dark, shot) = (noise.variance(0.0, 0.0), 1.0 / f64::from(noise.gain_e_per_dn));
-        let contrast = f64::from(noise.speckle_contrast);
+        let (dark, shot) = (noise.variance(0.0, 0.0) as f32, 1.0 / noise.gain_e_per_dn);
+        let contrast = noise.speckle_contrast;
         // Of a curvature, and of a height.
         let (height, share) = (widened * widened.sqrt() / sigma, sigma / widened.sqrt());
         // The slope's kernel over the noise of a Gaussian stripe on an even background: ∫ (g′ g)² = 1/(8π σ⁴).
-        let gain = 1.0 / (8.0 * std::f64::consts::PI * sigma.powi(4));
+        let gain = 1.0 / (8.0 * std::f32::consts::PI * sigma.powi(4));
         let mut found = Found::default();
         for l in 0..CHUNK {
-            let (raa, rac, rcc) = (f64::from(raa[l]), f64::from(rac[l]), f64::from(rcc[l]));
+            let (raa, rac, rcc) = (raa[l], rac[l], rcc[l]);
             let root = (0.25 * (raa - rcc) * (raa - rcc) + rac * rac).sqrt();
             let curvature = 0.5 * (raa + rcc) - root;
             // The eigenvector, of the two forms that with no cancellation.
@@ -311,12 +311,12 @@ impl Ridge {
             let unit = 1.0 / norm;
             let (na, nc) = if norm > 0.0 { (na * unit, nc * unit) } else { (1.0, 0.0) };
             let (by_along, by_curvature) = (1.0 / na, 1.0 / curvature);
-            let parabola = -(f64::from(ra[l]) * na + f64::from(rc[l]) * nc) * by_curvature;
+            let parabola = -(ra[l] * na + rc[l] * nc) * by_curvature;
             found.step[l] = gaussian_step(parabola, 1.0 / widened) * by_along;
             found.slope[l] = -nc * by_along;
-            found.along[l] = if curvature < 0.0 { na.abs() } else { f64::NAN };
+            found.along[l] = if curvature < 0.0 { na.abs() } else { f32::NAN };
             let amplitude = -curvature * height;
-            let background = f64::from(r[l]) - amplitude * share;
+            let background = r[l] - amplitude * share;
             let speckle = contrast * amplitude;
             let variance =
                 dark + (background.max(0.0) + amplitude * SHOT) * shot + speckle * speckle * SPECKLE;
@@ -332,22 +332,27 @@ impl Ridge {
 #[derive(Default)]
 struct Found {
     /// From the pixel's centre, px.
-    step: [f64; CHUNK],
+    step: [f32; CHUNK],
     /// The normal's share along the line; NaN where there is no ridge.
-    along: [f64; CHUNK],
-    sigma: [f64; CHUNK],
-    slope: [f64; CHUNK],
-    amplitude: [f64; CHUNK],
-    background: [f64; CHUNK],
+    along: [f32; CHUNK],
+    sigma: [f32; CHUNK],
+    slope: [f32; CHUNK],
+    amplitude: [f32; CHUNK],
+    background: [f32; CHUNK],
 }
 
-/// The pixels around (x, y), `half` of them before and as many rows above; the border is repeated beyond it.
+/// So many pixels of each row around (x, y), `half` of them before and as many rows above and below; the border is repeated beyond it.
 #[inline(never)]
-fn patch<P: Pixel>(image: &View<'_, P>, x: usize, y: usize, half: usize) -> [[P; MOST * CHUNK]; HIGHEST] {
+fn patch<P: Pixel>(
+    image: &View<'_, P>,
+    (x, y): (usize, usize),
+    half: usize,
+    width: usize,
+) -> [[P; MOST * CHUNK]; HIGHEST] {
     let mut patch = [[P::ZERO; MOST * CHUNK]; HIGHEST];
-    for (k, to) in patch.iter_mut().enumerate() {
+    for (k, to) in patch[..=2 * half].iter_mut().enumerate() {
         let row = image.row((y + k).saturating_sub(half).min(image.height() - 1));
-        for (i, to) in to.iter_mut().enumerate() {
+        for (i, to) in to[..width].iter_mut().enumerate() {
             *to = row[(x + i).saturating_sub(half).min(row.len() - 1)];
         }
     }
@@ -376,21 +381,31 @@ fn taps<S: Simd>(simd: S, kernel: &[f32], v: usize) -> f32x16<S> {
 
 /// The total of each vector, in their order: interleaved in pairs, so that one of half of each remains, until each lane is one's.
 #[inline(always)]
-fn totals<S: Simd>(mut vectors: [f32x16<S>; CHUNK]) -> f32x16<S> {
+fn totals<S: Simd>(vectors: &[f32x16<S>; CHUNK]) -> f32x16<S> {
     let mut left = CHUNK / 2;
-    while left > 0 {
-        for i in 0..left {
-            let (low, high) = vectors[i].interleave(vectors[i + left]);
-            vectors[i] = low + high;
-        }
-        left /= 2;
+    let mut sums = [vectors[0]; CHUNK / 2];
+    for i in 0..left {
+        sums[i] = pair(vectors[i], vectors[i + left]);
     }
-    vectors[0]
+    while left > 1 {
+        left /= 2;
+        for i in 0..left {
+            sums[i] = pair(sums[i], sums[i + left]);
+        }
+    }
+    sums[0]
+}
+
+/// Interleaved: every other lane is one's and every other the other's, each the sum of two of theirs.
+#[inline(always)]
+fn pair<S: Simd>(one: f32x16<S>, other: f32x16<S>) -> f32x16<S> {
+    let (low, high) = one.interleave(other);
+    low + high
 }
 
 /// Distance from the middle of a Gaussian, where one Newton step says `parabola` = d / (1 − d²/variance); the variance as its reciprocal.
 #[inline(always)]
-fn gaussian_step(parabola: f64, by_variance: f64) -> f64 {
+fn gaussian_step(parabola: f32, by_variance: f32) -> f32 {
     let ratio = parabola * parabola * by_variance;
     // 2/(1 + √(1 + 4 q)) is (−1 + √(1 + 4 q)) / 2q without the cancellation.
     parabola * 2.0 / (1.0 + (1.0 + 4.0 * ratio).sqrt())
@@ -429,14 +444,14 @@ mod tests {
         let view = View::packed(&pixels, SIZE.0, SIZE.1).unwrap();
         let candidates: Vec<_> = (0..SIZE.1).map(|y| (centre(y as f64) + 0.8) as f32).collect();
         let mut points = RidgePoints::default();
-        Ridge::new(width).follow(&view, Axis::PerRow, &candidates, &NOISE, &mut points);
+        Ridge::new(width, Level::new()).follow(&view, Axis::PerRow, &candidates, &NOISE, &mut points);
         let inner = 12..SIZE.1 - 12;
         let (mut mean, mut square, mut normal) = (0.0, 0.0, 0.0);
         for y in inner.clone() {
-            let error = points.position[y] - centre(y as f64);
+            let error = f64::from(points.position[y]) - centre(y as f64);
             mean += error;
             square += error * error;
-            normal += (error / points.sigma[y]).powi(2);
+            normal += (error / f64::from(points.sigma[y])).powi(2);
         }
         let n = inner.len() as f64;
         (mean / n, (square / n).sqrt(), (normal / n).sqrt())
@@ -486,7 +501,7 @@ mod tests {
         let at = |y| if y == 20 { f32::NAN } else { centre(f64::from(y)) as f32 };
         let candidates: Vec<_> = (0..50).map(at).collect();
         let (mut rows, mut columns) = (RidgePoints::default(), RidgePoints::default());
-        let mut ridge = Ridge::new(1.5);
+        let mut ridge = Ridge::new(1.5, Level::new());
         ridge.follow(&View::packed(&pixels, 60, 50).unwrap(), Axis::PerRow, &candidates, &NOISE, &mut rows);
         ridge.follow(
             &View::packed(&turned, 50, 60).unwrap(),

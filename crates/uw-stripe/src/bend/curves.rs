@@ -1,7 +1,7 @@
 //! The curve of a stripe around each of its lines: a parabola through the positions of some neighbours, and a straight line through the logarithms
 //! of their strengths.
 
-use crate::engine::lanes::CHUNK;
+use crate::engine::lanes::{CHUNK, part};
 use crate::special::ln;
 use crate::verdict::run_reach;
 use fearless_simd::{Simd, SimdBase, f32x16};
@@ -148,12 +148,6 @@ impl Curves {
             noise_gain as f32,
         ])
     }
-}
-
-/// As many values as a vector holds.
-#[inline(always)]
-fn part<S: Simd>(simd: S, values: &[f32], from: usize) -> f32x16<S> {
-    f32x16::from_slice(simd, &values[from..][..CHUNK])
 }
 
 #[cfg(test)]

@@ -61,6 +61,12 @@ pub(super) fn vector<S: Simd, P: Lanes>(simd: S, pixels: &[P]) -> P::V<S> {
     P::V::<S>::from_slice(simd, pixels)
 }
 
+/// As many numbers as [`CHUNK`] from one on.
+#[inline(always)]
+pub(crate) fn part<S: Simd>(simd: S, values: &[f32], from: usize) -> f32x16<S> {
+    f32x16::from_slice(simd, &values[from..][..CHUNK])
+}
+
 /// One grey value in all lanes.
 #[inline(always)]
 pub(super) fn splat<S: Simd, P: Lanes>(simd: S, value: P) -> P::V<S> {

@@ -1,9 +1,10 @@
 //! The stripe's width as many lines show it together: strong speckle breaks a single line's profile into grains, each as narrow as the lens
 //! draws a point, and each a good stripe by itself. Summed along the stripe the grains make the stripe again.
 
-use super::{Precise, median};
+use super::Precise;
 use crate::NoiseModel;
 use crate::lines::{Clip, Line};
+use crate::median::median;
 use crate::mle::{self, Seed, WidthPrior};
 
 /// Lines on either side of a stack's middle: some twenty grains, over which a parabola follows the stripe.

@@ -1,6 +1,7 @@
 //! Noise and width of the stripe, read off the image at hand.
 
-use super::{FIRST_LOOK_SNR, Precise, median, refine};
+use super::{FIRST_LOOK_SNR, Precise, refine};
+use crate::median::median;
 use crate::mle::WidthPrior;
 use crate::noise::{self, Residual};
 use crate::{NoiseModel, Pixel, StripeError, View};

@@ -1,33 +1,34 @@
 //! The ridge put in place of what the filters found, with what they know of it: a skirt of haze, edges of brightness, speckle.
 
-use fearless_simd::{Level, dispatch};
+use fearless_simd::{Simd, dispatch};
 
-use super::{CHUNK, Ridge, RidgePoints};
+use super::{Ridge, RidgePoints};
 use crate::profile::{Flags, Reject, Stripe};
 use crate::{Pixel, View};
 
 /// Lines to either side over which the ridge is compared with the filters' centres: haze is smooth along the stripe.
 const REACH: usize = 16;
 /// Lines that a comparison needs.
-const LEAST: f64 = 8.0;
+const LEAST: f32 = 8.0;
 /// Sigmas below which a difference is left alone; above, it is shrunk towards them (James and Stein).
-const SIGNIFICANT: f64 = 2.5;
+const SIGNIFICANT: f32 = 2.5;
 /// Lines, in widths, that share an edge of brightness through the kernel.
 const SHARED_WIDTHS: f32 = 1.5;
 
-/// Reused memory. Differences and sigmas have as many entries more on either side as a comparison reaches.
+/// Reused memory. What is summed over neighbours has as many entries more on either side as a comparison reaches.
 #[derive(Debug, Default)]
 pub(super) struct Onto {
     points: RidgePoints,
-    /// The filters' sigmas.
+    /// The filters' sigmas; infinite where there are none.
     sigma: Vec<f32>,
     /// The ridge's difference from the filters' centre on each line, px, by its weight; the weight, 1/px²; 1 where there are both, else 0.
-    differences: [Vec<f64>; 3],
-    /// Mean difference over the neighbours, as far as it is more than chance, and what that leaves unsure, px.
-    shift: Vec<f64>,
-    unsure: Vec<f64>,
-    /// Least of the neighbours' sigmas.
+    differences: [Vec<f32>; 3],
+    /// The same over the neighbours of each line, and the least of their sigmas.
+    sums: [Vec<f32>; 3],
     least: Vec<f32>,
+    spare: Vec<f32>,
+    /// Variance that neighbours' edges of brightness bring, px².
+    edge: Vec<f32>,
 }
 
 impl Ridge {
@@ -39,107 +40,124 @@ impl Ridge {
     pub fn replace<P: Pixel>(&mut self, image: &View<'_, P>, stripe: &mut Stripe) {
         let mut onto = std::mem::take(&mut self.onto);
         self.follow(image, stripe.axis, &stripe.position_px, &stripe.noise, &mut onto.points);
-        onto.compare(self.level, stripe);
-        let Onto { points, sigma, .. } = &onto;
-        let sigma = &sigma[REACH..];
-        let lines = stripe.len();
-        let edged = stripe.flags.iter().any(|flags| flags.contains(Flags::EDGE));
-        for line in 0..lines {
-            if stripe.position_px[line].is_nan() {
-                continue;
-            }
-            if points.position[line].is_nan() {
-                if self.pools_at(line, lines) {
+        dispatch!(self.level, simd => onto.compare(simd, stripe));
+        onto.edges(stripe);
+        let lost = dispatch!(self.level, simd => onto.write(simd, stripe));
+        if lost {
+            let lines = stripe.len();
+            for line in (0..lines).filter(|line| self.pools_at(*line, lines)) {
+                if !stripe.position_px[line].is_nan() && onto.points.position[line].is_nan() {
                     stripe.drop_line(line, Reject::NotConverged);
                 }
-                continue;
             }
-            let (shift, unsure) = (onto.shift[line], onto.unsure[line]);
-            let mut edge = 0.0;
-            if edged {
-                let shared = (SHARED_WIDTHS * stripe.width_px[line].max(0.0)).ceil() as usize;
-                let edges = line.saturating_sub(shared)..(line + shared + 1).min(lines);
-                edge = edges
-                    .filter(|i| stripe.flags[*i].contains(Flags::EDGE) && !sigma[*i].is_nan())
-                    .map(|i| f64::from(sigma[i]).powi(2) - f64::from(onto.least[line]).powi(2))
-                    .fold(0.0, f64::max);
-            }
-            let speckle = f64::from(stripe.scatter_widths * stripe.width_px[line].max(0.0));
-            let own = points.sigma[line];
-            stripe.position_px[line] = (points.position[line] - shift) as f32;
-            stripe.sigma_px[line] = (own * own + unsure * unsure + edge + speckle * speckle).sqrt() as f32;
-            stripe.amplitude[line] = points.amplitude[line] as f32;
-            stripe.background[line] = points.background[line] as f32;
         }
         self.onto = onto;
     }
 }
 
 impl Onto {
-    /// Compares the ridge with the filters' centres over neighbouring lines.
-    fn compare(&mut self, level: Level, stripe: &Stripe) {
+    /// Compares the ridge with the filters' centres, and adds up what neighbouring lines say.
+    #[inline(always)]
+    fn compare<S: Simd>(&mut self, _: S, stripe: &Stripe) {
         let lines = stripe.len();
-        let chunks = lines.next_multiple_of(CHUNK);
         for of in &mut self.differences {
             of.clear();
-            of.resize(chunks + 2 * REACH, 0.0);
+            of.resize(lines + 2 * REACH, 0.0);
         }
         self.sigma.clear();
-        self.sigma.resize(chunks + 2 * REACH, f32::INFINITY);
-        self.sigma[REACH..][..lines].copy_from_slice(&stripe.sigma_px);
-        self.shift.resize(chunks, 0.0);
-        self.unsure.resize(chunks, 0.0);
-        self.least.resize(chunks, 0.0);
-        dispatch!(level, _simd => self.compare_here(&stripe.position_px));
+        self.sigma.resize(lines + 2 * REACH, f32::INFINITY);
+        let [weighted, weights, counts] = self.differences.each_mut().map(|of| &mut of[REACH..][..lines]);
+        let (centres, sigmas) = (&stripe.position_px[..lines], &stripe.sigma_px[..lines]);
+        let (positions, sigma) = (&self.points.position[..lines], &mut self.sigma[REACH..][..lines]);
+        for i in 0..lines {
+            let difference = positions[i] - centres[i];
+            // NaN counts as nothing.
+            let told = (difference.abs() >= 0.0) & (sigmas[i] > 0.0);
+            let by = if told { 1.0 / (sigmas[i] * sigmas[i]) } else { 0.0 };
+            weighted[i] = if told { by * difference } else { 0.0 };
+            weights[i] = by;
+            counts[i] = if told { 1.0 } else { 0.0 };
+            sigma[i] = if sigmas[i].is_nan() { f32::INFINITY } else { sigmas[i] };
+        }
+        for (of, sum) in self.differences.iter().zip(&mut self.sums) {
+            near(of, sum, &mut self.spare, |a, b| a + b);
+        }
+        near(&self.sigma, &mut self.least, &mut self.spare, |a, b| if b < a { b } else { a });
     }
 
+    /// What the neighbours' edges of brightness, which they share through the kernel, add to each line's variance.
+    fn edges(&mut self, stripe: &Stripe) {
+        let lines = stripe.len();
+        self.edge.clear();
+        self.edge.resize(lines, 0.0);
+        let edged = |flags: &Flags| flags.contains(Flags::EDGE);
+        if !edged(&stripe.flags.iter().fold(Flags::NONE, |all, flags| all | *flags)) {
+            return;
+        }
+        for (line, (edge, least)) in self.edge.iter_mut().zip(&self.least).enumerate() {
+            let shared = (SHARED_WIDTHS * stripe.width_px[line].max(0.0)).ceil() as usize;
+            *edge = (line.saturating_sub(shared)..(line + shared + 1).min(lines))
+                .filter(|i| edged(&stripe.flags[*i]) && !stripe.sigma_px[*i].is_nan())
+                .map(|i| stripe.sigma_px[i].powi(2) - least * least)
+                .fold(0.0, f32::max);
+        }
+    }
+
+    /// Writes the ridge where there is one, drawn to the filters' centres as far as the difference is more than chance; true if some lines with
+    /// a filter's centre have none.
+    ///
+    /// Few arrays at a time: that they are apart is tested before they go through vectors, and of many it is not.
     #[inline(always)]
-    fn compare_here(&mut self, centres: &[f32]) {
-        let [weighted, weights, counts] = &mut self.differences;
-        let own = weighted[REACH..].iter_mut().zip(&mut weights[REACH..]).zip(&mut counts[REACH..]);
-        let sources = centres.iter().zip(&self.points.position).zip(&self.sigma[REACH..]);
-        for (((weighted, weight), count), ((centre, position), sigma)) in own.zip(sources) {
-            let difference = position - f64::from(*centre);
-            // NaN counts as nothing.
-            let told = (difference.abs() >= 0.0) & (*sigma > 0.0);
-            let by = if told { 1.0 / (f64::from(*sigma) * f64::from(*sigma)) } else { 0.0 };
-            (*weighted, *weight) = (if told { by * difference } else { 0.0 }, by);
-            *count = f64::from(u8::from(told));
+    fn write<S: Simd>(&mut self, _: S, stripe: &mut Stripe) -> bool {
+        let n = stripe.len();
+        let [shift, unsure, count] = self.sums.each_mut().map(|of| &mut of[..n]);
+        for i in 0..n {
+            let (mean, chance) = (shift[i] / unsure[i], 1.0 / unsure[i].sqrt());
+            let doubt = SIGNIFICANT * chance / mean;
+            let share = 1.0 - doubt * doubt;
+            let told = (count[i] >= LEAST) & (share > 0.0);
+            let (sure, rest) = (share * chance, (1.0 - share) * mean);
+            shift[i] = if told { share * mean } else { 0.0 };
+            unsure[i] = if told { sure * sure + rest * rest } else { 0.0 };
         }
-        let [weighted, weights, counts] = &self.differences;
-        for first in (0..self.shift.len()).step_by(CHUNK) {
-            let (sum, weight, count) = (near(weighted, first), near(weights, first), near(counts, first));
-            let (mut shift, mut unsure, mut least) = ([0.0; CHUNK], [0.0; CHUNK], [f32::INFINITY; CHUNK]);
-            for k in 0..=2 * REACH {
-                for (least, sigma) in least.iter_mut().zip(&self.sigma[first + k..][..CHUNK]) {
-                    // NaN is not less.
-                    *least = if *sigma < *least { *sigma } else { *least };
-                }
-            }
-            for l in 0..CHUNK {
-                let (mean, chance) = (sum[l] / weight[l], 1.0 / weight[l].sqrt());
-                let doubt = SIGNIFICANT * chance / mean;
-                let share = 1.0 - doubt * doubt;
-                let told = (count[l] >= LEAST) & (share > 0.0);
-                let (sure, rest) = (share * chance, (1.0 - share) * mean);
-                shift[l] = if told { share * mean } else { 0.0 };
-                unsure[l] = if told { (sure * sure + rest * rest).sqrt() } else { 0.0 };
-            }
-            self.shift[first..][..CHUNK].copy_from_slice(&shift);
-            self.unsure[first..][..CHUNK].copy_from_slice(&unsure);
-            self.least[first..][..CHUNK].copy_from_slice(&least);
+        let (sigma, width, scatter) =
+            (&mut self.points.sigma[..n], &stripe.width_px[..n], stripe.scatter_widths);
+        let edge = &self.edge[..n];
+        for i in 0..n {
+            let speckle = scatter * width[i].max(0.0);
+            sigma[i] = (sigma[i] * sigma[i] + unsure[i] + edge[i] + speckle * speckle).sqrt();
         }
+        let (ridge, centre) = (&mut self.points.position[..n], &stripe.position_px[..n]);
+        let mut lost = 0u32;
+        for i in 0..n {
+            lost += u32::from(ridge[i].is_nan() & !centre[i].is_nan());
+            ridge[i] = if centre[i].is_nan() { f32::NAN } else { ridge[i] - shift[i] };
+        }
+        for (to, from) in [
+            (&mut stripe.sigma_px, &self.points.sigma),
+            (&mut stripe.amplitude, &self.points.amplitude),
+            (&mut stripe.background, &self.points.background),
+            (&mut stripe.position_px, &self.points.position),
+        ] {
+            for ((to, from), met) in to.iter_mut().zip(from).zip(&self.points.position) {
+                *to = if met.is_nan() { *to } else { *from };
+            }
+        }
+        lost > 0
     }
 }
 
-/// Sums over the neighbours of a chunk's lines, a line's own entry being [`REACH`] further on.
+/// What each line's neighbours come to together, its own entry being [`REACH`] further on: of two entries, then of four and so on, and of one more.
 #[inline(always)]
-fn near(values: &[f64], first: usize) -> [f64; CHUNK] {
-    let mut sums = [0.0; CHUNK];
-    for k in 0..=2 * REACH {
-        for (sum, value) in sums.iter_mut().zip(&values[first + k..][..CHUNK]) {
-            *sum += value;
-        }
+fn near(values: &[f32], out: &mut Vec<f32>, spare: &mut Vec<f32>, both: impl Fn(f32, f32) -> f32) {
+    out.clear();
+    out.extend_from_slice(values);
+    let mut reach = 1;
+    while reach <= REACH {
+        spare.clear();
+        spare.extend(out.iter().zip(&out[reach..]).map(|(a, b)| both(*a, *b)));
+        std::mem::swap(out, spare);
+        reach *= 2;
     }
-    sums
+    out.iter_mut().zip(&values[2 * REACH..]).for_each(|(all, last)| *all = both(*all, *last));
 }

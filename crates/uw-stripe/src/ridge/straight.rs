@@ -1,6 +1,9 @@
 //! What the smoothing takes away from a bend is given back.
 
+use fearless_simd::{Level, Simd, SimdBase, dispatch, f32x16};
+
 use super::RidgePoints;
+use crate::engine::lanes::{CHUNK, part};
 
 /// Half-length, in kernel sigmas, of the fit that tells the bend.
 const REACH: f64 = 2.5;
@@ -9,7 +12,7 @@ const LEAST: usize = 2;
 /// Longest step of the centre from a line to the next in one stripe: pixels plus widths.
 const STEP: (f64, f64) = (3.0, 2.0);
 /// Standard deviation of a bend's correction, as a share of it: what the second order leaves.
-const UNSURE: f64 = 0.5;
+const UNSURE: f32 = 0.5;
 
 /// Weights and memory for kernels of one width.
 #[derive(Debug)]
@@ -17,12 +20,13 @@ pub(super) struct Straight {
     sigma: f64,
     /// By the number of lines on either side: what each pair of lines, so many before and after, adds to the second derivative by the
     /// difference of its positions from the line's own.
-    weights: Vec<Vec<f64>>,
+    weights: Vec<Vec<f32>>,
     /// Noise after a bend's correction by that before.
-    gain: f64,
-    /// Positions as smoothed, and how many lines before and after a line go on with its stripe.
-    smoothed: Vec<f64>,
-    before: Vec<usize>,
+    gain: f32,
+    /// 0 where a line's stripe goes on in the next, else NaN.
+    gap: Vec<f32>,
+    /// Second derivatives; NaN where they cannot be told.
+    second: Vec<f32>,
 }
 
 impl Straight {
@@ -30,45 +34,79 @@ impl Straight {
     pub fn new(sigma: f64) -> Self {
         let reach = (REACH * sigma).ceil() as usize;
         let weights = (0..=reach).map(second_derivative).collect::<Vec<_>>();
-        let gain = gain(sigma, &weights[reach]);
-        Self { sigma, weights, gain, smoothed: Vec::new(), before: Vec::new() }
+        let gain = gain(sigma, &weights[reach]) as f32;
+        let weights = weights.into_iter().map(|of| of.into_iter().map(|w| w as f32).collect()).collect();
+        Self { sigma, weights, gain, gap: Vec::new(), second: Vec::new() }
     }
 
     /// Takes the smoothing's pull along bends back, and widens sigmas by what that costs.
-    pub fn straighten(&mut self, points: &mut RidgePoints) {
-        let lines = points.position.len();
-        let reach = self.weights.len() - 1;
-        self.smoothed.clear();
-        self.smoothed.extend_from_slice(&points.position);
-        let longest = STEP.0 + STEP.1 * self.sigma;
-        // NaN goes on with nothing.
-        let joined = |i: usize, j: usize, at: &[f64]| (at[i] - at[j]).abs() <= longest;
-        self.before.clear();
-        self.before.resize(lines, 0);
-        for i in 1..lines {
-            if joined(i - 1, i, &self.smoothed) {
-                self.before[i] = reach.min(self.before[i - 1] + 1);
+    pub fn straighten(&mut self, level: Level, points: &mut RidgePoints) {
+        dispatch!(level, simd => self.tell(simd, &points.position));
+        for (line, position) in points.position.iter().enumerate() {
+            if self.second[line].is_nan() && !position.is_nan() {
+                self.second[line] = self.near_break(&points.position, line);
             }
         }
-        let mut after = 0;
-        for i in (0..lines).rev() {
-            after = if i + 1 < lines && joined(i, i + 1, &self.smoothed) { reach.min(after + 1) } else { 0 };
-            // As far on both sides as the shorter one goes: a bend told from one side only leans on the slope.
-            let side = after.min(self.before[i]);
-            if side < LEAST {
-                continue;
+        dispatch!(level, simd => self.correct(simd, points));
+    }
+
+    /// The second derivatives where all lines within reach belong to one stripe, as nearly everywhere.
+    #[inline(always)]
+    fn tell<S: Simd>(&mut self, simd: S, position: &[f32]) {
+        let (lines, reach) = (position.len(), self.weights.len() - 1);
+        let longest = (STEP.0 + STEP.1 * self.sigma) as f32;
+        self.gap.clear();
+        // NaN goes on with nothing.
+        let steps = position.iter().zip(position.get(1..).unwrap_or(&[]));
+        self.gap.extend(steps.map(|(a, b)| if (b - a).abs() <= longest { 0.0 } else { f32::NAN }));
+        self.second.clear();
+        self.second.resize(lines, f32::NAN);
+        // Some lines are done twice where they are no whole number of vectors; those of short stripes go one by one.
+        let Some(last) = lines.checked_sub(CHUNK + reach).filter(|last| *last >= reach) else { return };
+        for line in (reach..last + CHUNK).step_by(CHUNK).map(|line| line.min(last)) {
+            let here = part(simd, position, line);
+            let mut second = f32x16::splat(simd, 0.0);
+            for (weight, off) in self.weights[reach].iter().zip(1..) {
+                let (before, after) = (part(simd, position, line - off), part(simd, position, line + off));
+                second += ((before - here) + (after - here)) * *weight;
+                second += part(simd, &self.gap, line - off) + part(simd, &self.gap, line + off - 1);
             }
-            let here = self.smoothed[i];
-            let (before, from) = (&self.smoothed[i - side..i], &self.smoothed[i + 1..]);
-            let second: f64 = (self.weights[side].iter().zip(before.iter().rev().zip(from)))
-                .map(|(weight, (before, after))| weight * (before + after - 2.0 * here))
-                .sum();
-            let (slope, sigma) = (points.slope[i], points.sigma[i]);
-            let shift = 0.5 * self.sigma * self.sigma * second / (1.0 + slope * slope);
+            second.store_slice(&mut self.second[line..][..CHUNK]);
+        }
+    }
+
+    /// The second derivative near the end of a stripe, as far on both sides as the shorter one goes: a bend told from one side only leans on the
+    /// slope. NaN where that is too short.
+    fn near_break(&self, position: &[f32], line: usize) -> f32 {
+        let reach = self.weights.len() - 1;
+        let on = |gap: &&f32| !gap.is_nan();
+        let before = self.gap[..line].iter().rev().take(reach).take_while(on).count();
+        let after = self.gap[line..].iter().take(reach).take_while(on).count();
+        let side = before.min(after);
+        if side < LEAST {
+            return f32::NAN;
+        }
+        let here = position[line];
+        (self.weights[side].iter().zip(1..))
+            .map(|(weight, off)| weight * ((position[line - off] - here) + (position[line + off] - here)))
+            .sum()
+    }
+
+    #[inline(always)]
+    fn correct<S: Simd>(&self, _: S, points: &mut RidgePoints) {
+        let n = points.position.len();
+        let (position, sigma) = (&mut points.position[..n], &mut points.sigma[..n]);
+        let (slope, second) = (&points.slope[..n], &self.second[..n]);
+        let (half_square, gain) = ((0.5 * self.sigma * self.sigma) as f32, self.gain * self.gain);
+        for i in 0..n {
+            let told = !second[i].is_nan();
+            let shift = half_square * second[i] / (1.0 + slope[i] * slope[i]);
+            let variance = sigma[i] * sigma[i];
             // A shift within its own noise is no bend.
-            let real = (shift * shift - 4.0 * sigma * sigma).max(0.0);
-            points.position[i] = here - shift;
-            points.sigma[i] = (self.gain * self.gain * sigma * sigma + UNSURE * UNSURE * real).sqrt();
+            let real = (shift * shift - 4.0 * variance).max(0.0);
+            let wider = (gain * variance + UNSURE * UNSURE * real).sqrt();
+            position[i] -= if told { shift } else { 0.0 };
+            sigma[i] = if told { wider } else { sigma[i] };
         }
     }
 }
