@@ -16,6 +16,8 @@ use crate::{Axis, NoiseModel, Pixel, View};
 
 mod onto;
 mod straight;
+#[cfg(test)]
+mod tests;
 
 /// Half a kernel in its sigmas; what is beyond is 1 % of a second derivative.
 const REACH: f64 = 3.0;
@@ -33,10 +35,11 @@ const SPECKLE: f32 = 0.353_553;
 /// Vectors of the widest kernel, and its rows.
 const MOST: usize = 4;
 const HIGHEST: usize = 2 * (REACH * *SIGMAS.end()) as usize + 1;
-/// No pixel.
-const NOWHERE: usize = usize::MAX;
 
-/// The ridge on each line; NaN where there is none. Positions in pixels of the whole image.
+/// What six sums are made of: for each a vector of every line of a chunk.
+type Products = [[[f32; CHUNK]; CHUNK]; 6];
+
+/// The ridge on each line, and on as many more as make whole vectors; NaN where there is none. Positions in pixels of the whole image.
 #[derive(Debug, Default)]
 pub(crate) struct RidgePoints {
     /// Where the ridge crosses the line.
@@ -58,8 +61,15 @@ impl RidgePoints {
             [&mut self.position, &mut self.sigma, &mut self.slope, &mut self.amplitude, &mut self.background]
         {
             of.clear();
-            of.resize(lines, f32::NAN);
+            of.resize(lines.next_multiple_of(CHUNK), f32::NAN);
         }
+    }
+
+    /// Those of a chunk that begins with line `first`, in the order of the fields.
+    #[inline(always)]
+    fn chunk(&mut self, first: usize) -> [&mut [f32; CHUNK]; 5] {
+        [&mut self.position, &mut self.sigma, &mut self.slope, &mut self.amplitude, &mut self.background]
+            .map(|of| &mut of.as_chunks_mut().0[first / CHUNK])
     }
 }
 
@@ -143,10 +153,11 @@ impl Ridge {
         points: &mut RidgePoints,
     ) {
         points.reset(candidates.len());
-        let level = self.level;
+        let (level, products) = (self.level, &mut [[[0.0; CHUNK]; CHUNK]; 6]);
         for (first, candidates) in (0..).step_by(CHUNK).zip(candidates.chunks(CHUNK)) {
             // The same sums in the same order on every level: only the registers differ.
-            dispatch!(level, simd => self.chunk(simd, (image, axis), (first, candidates), noise, points));
+            let memory = (&mut *products, &mut *points);
+            dispatch!(level, simd => self.chunk(simd, (image, axis), (first, candidates), noise, memory));
         }
         self.straight.straighten(level, points);
     }
@@ -159,54 +170,70 @@ impl Ridge {
         (image, axis): (&View<'_, P>, Axis),
         (first, candidates): (usize, &[f32]),
         noise: &NoiseModel,
-        points: &mut RidgePoints,
+        (products, points): (&mut Products, &mut RidgePoints),
     ) {
         let lines = axis.lines(image.width(), image.height());
         let length = match axis {
             Axis::PerRow => image.width(),
             Axis::PerColumn => image.height(),
-        };
-        let mut pixels = [NOWHERE; CHUNK];
-        for (line, (pixel, candidate)) in (first..).zip(pixels.iter_mut().zip(candidates)) {
-            let at = candidate.round().max(0.0);
-            if candidate.is_finite() && at < length as f32 && self.pools_at(line, lines) {
-                *pixel = at as usize;
+        } as f32;
+        // Pixels; NaN for none.
+        let mut places = [f32::NAN; CHUNK];
+        for (line, (place, candidate)) in (first..).zip(places.iter_mut().zip(candidates)) {
+            let at = candidate.round();
+            if at < length && self.pools_at(line, lines) {
+                *place = at.max(0.0);
             }
         }
         for _ in 0..MOVES {
             // Sums of known length over registers.
             let smoothed = match self.kernels[0].len() / CHUNK {
-                1 => self.smoothed::<S, P, 1>(simd, (image, axis), first, &pixels),
-                2 => self.smoothed::<S, P, 2>(simd, (image, axis), first, &pixels),
-                _ => self.smoothed::<S, P, MOST>(simd, (image, axis), first, &pixels),
+                1 => self.smoothed::<S, P, 1>(simd, (image, axis), (first, &places), products),
+                2 => self.smoothed::<S, P, 2>(simd, (image, axis), (first, &places), products),
+                _ => self.smoothed::<S, P, MOST>(simd, (image, axis), (first, &places), products),
             };
             let found = self.ridges(&smoothed, noise);
-            let mut moved = false;
-            for (l, pixel) in pixels.iter_mut().enumerate().filter(|(_, pixel)| **pixel != NOWHERE) {
-                let (from, step) = (std::mem::replace(pixel, NOWHERE), found.step[l]);
-                // NaN is no ridge.
-                if found.along[l].is_nan() || found.along[l] < LEAST_ALONG {
-                    continue;
-                }
-                if step.abs() <= BELONGS_PX {
-                    points.position[first + l] = from as f32 + step;
-                    points.sigma[first + l] = found.sigma[l];
-                    points.slope[first + l] = found.slope[l];
-                    points.amplitude[first + l] = found.amplitude[l];
-                    points.background[first + l] = found.background[l];
-                    continue;
-                }
-                let most = self.sigma.max(1.0) as f32;
-                let to = from as f32 + step.clamp(-most, most).round();
-                if (0.0..length as f32).contains(&to) {
-                    *pixel = to as usize;
-                    moved = true;
-                }
-            }
-            if !moved {
+            if !self.settle(&found, length, &mut places, points.chunk(first)) {
                 break;
             }
         }
+    }
+
+    /// Takes what was found where the ridge belongs to the pixel; the others' places become those that it points to. False if there are none.
+    #[inline(always)]
+    fn settle(
+        &self,
+        found: &Found,
+        length: f32,
+        places: &mut [f32; CHUNK],
+        [position, sigma, slope, amplitude, background]: [&mut [f32; CHUNK]; 5],
+    ) -> bool {
+        let most = self.sigma.max(1.0) as f32;
+        let mut met = [f32::NAN; CHUNK];
+        let mut moved = 0u32;
+        for l in 0..CHUNK {
+            let (from, step) = (places[l], found.step[l]);
+            // NaN is no ridge.
+            let ridge = !from.is_nan() & (found.along[l] >= LEAST_ALONG);
+            let belongs = step.abs() <= BELONGS_PX;
+            met[l] = if ridge & belongs { from + step } else { f32::NAN };
+            let to = from + step.clamp(-most, most).round();
+            let moves = ridge & !belongs & (to >= 0.0) & (to < length);
+            places[l] = if moves { to } else { f32::NAN };
+            moved += u32::from(moves);
+        }
+        for (to, from) in [
+            (position, &met),
+            (sigma, &found.sigma),
+            (slope, &found.slope),
+            (amplitude, &found.amplitude),
+            (background, &found.background),
+        ] {
+            for l in 0..CHUNK {
+                to[l] = if met[l].is_nan() { to[l] } else { from[l] };
+            }
+        }
+        moved > 0
     }
 
     /// r and its derivatives along the lines (a) and across them (c) at a pixel of each line: r, ra, rc, raa, rac, rcc.
@@ -215,23 +242,24 @@ impl Ridge {
         &self,
         simd: S,
         (image, axis): (&View<'_, P>, Axis),
-        first: usize,
-        pixels: &[usize; CHUNK],
+        (first, places): (usize, &[f32; CHUNK]),
+        products: &mut Products,
     ) -> [[f32; CHUNK]; 6] {
-        let mut products = [[f32x16::splat(simd, 0.0); CHUNK]; 6];
-        for (l, &pixel) in pixels.iter().enumerate().filter(|(_, pixel)| **pixel != NOWHERE) {
+        // Those of lines without a place stay what they were, and nobody asks for their sums.
+        for (l, place) in places.iter().enumerate().filter(|(_, place)| !place.is_nan()) {
+            let (line, pixel) = (first + l, *place as usize);
             let (x, y) = match axis {
-                Axis::PerRow => (pixel, first + l),
-                Axis::PerColumn => (first + l, pixel),
+                Axis::PerRow => (pixel, line),
+                Axis::PerColumn => (line, pixel),
             };
             let own = self.products::<S, P, V>(simd, image, x, y);
             for (products, own) in products.iter_mut().zip(own) {
-                products[l] = own;
+                own.store_slice(&mut products[l]);
             }
         }
         let mut sums = [[0.0; CHUNK]; 6];
-        for (sums, products) in sums.iter_mut().zip(&products) {
-            totals(products).store_slice(sums);
+        for (sums, products) in sums.iter_mut().zip(&*products) {
+            totals(simd, products).store_slice(sums);
         }
         let [r, rx, ry, rxx, rxy, ryy] = sums;
         match axis {
@@ -381,12 +409,12 @@ fn taps<S: Simd>(simd: S, kernel: &[f32], v: usize) -> f32x16<S> {
 
 /// The total of each vector, in their order: interleaved in pairs, so that one of half of each remains, until each lane is one's.
 #[inline(always)]
-fn totals<S: Simd>(vectors: &[f32x16<S>; CHUNK]) -> f32x16<S> {
-    let mut left = CHUNK / 2;
-    let mut sums = [vectors[0]; CHUNK / 2];
-    for i in 0..left {
-        sums[i] = pair(vectors[i], vectors[i + left]);
+fn totals<S: Simd>(simd: S, vectors: &[[f32; CHUNK]; CHUNK]) -> f32x16<S> {
+    let mut sums = [f32x16::splat(simd, 0.0); CHUNK];
+    for (sum, vector) in sums.iter_mut().zip(vectors) {
+        *sum = f32x16::load_array_ref(simd, vector);
     }
+    let mut left = CHUNK;
     while left > 1 {
         left /= 2;
         for i in 0..left {
@@ -409,114 +437,4 @@ fn gaussian_step(parabola: f32, by_variance: f32) -> f32 {
     let ratio = parabola * parabola * by_variance;
     // 2/(1 + √(1 + 4 q)) is (−1 + √(1 + 4 q)) / 2q without the cancellation.
     parabola * 2.0 / (1.0 + (1.0 + 4.0 * ratio).sqrt())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use rand::{SeedableRng, rngs::StdRng};
-    use rand_distr::{Distribution, StandardNormal};
-
-    const NOISE: NoiseModel =
-        NoiseModel { gain_e_per_dn: 1e6, read_noise_dn: 2.0, speckle_contrast: 0.0, full_scale_dn: 255.0 };
-
-    /// A stripe of standard deviation `width` across, its distance from the curve taken square to it; noise of 2 DN.
-    fn image(size: (usize, usize), centre: &dyn Fn(f64) -> f64, width: f64, seed: Option<u64>) -> Vec<u16> {
-        let mut rng = StdRng::seed_from_u64(seed.unwrap_or(0));
-        let pixels = (0..size.0 * size.1).map(|i| {
-            let (x, y) = ((i % size.0) as f64, (i / size.0) as f64);
-            let near = (-120..=120).map(|k| y + 0.1 * f64::from(k));
-            let square = near.map(|v| (x - centre(v)).powi(2) + (y - v).powi(2)).fold(f64::MAX, f64::min);
-            let error: f64 = if seed.is_some() {
-                2.0 * Distribution::<f64>::sample(&StandardNormal, &mut rng)
-            } else {
-                0.0
-            };
-            (1000.0 + 150.0 * (-0.5 * square / (width * width)).exp() + error).round() as u16
-        });
-        pixels.collect()
-    }
-
-    /// Mean error, its RMS, and RMS of error over sigma, at lines away from the border.
-    fn errors(centre: &dyn Fn(f64) -> f64, width: f64, seed: Option<u64>) -> (f64, f64, f64) {
-        const SIZE: (usize, usize) = (140, 90);
-        let pixels = image(SIZE, centre, width, seed);
-        let view = View::packed(&pixels, SIZE.0, SIZE.1).unwrap();
-        let candidates: Vec<_> = (0..SIZE.1).map(|y| (centre(y as f64) + 0.8) as f32).collect();
-        let mut points = RidgePoints::default();
-        Ridge::new(width, Level::new()).follow(&view, Axis::PerRow, &candidates, &NOISE, &mut points);
-        let inner = 12..SIZE.1 - 12;
-        let (mut mean, mut square, mut normal) = (0.0, 0.0, 0.0);
-        for y in inner.clone() {
-            let error = f64::from(points.position[y]) - centre(y as f64);
-            mean += error;
-            square += error * error;
-            normal += (error / f64::from(points.sigma[y])).powi(2);
-        }
-        let n = inner.len() as f64;
-        (mean / n, (square / n).sqrt(), (normal / n).sqrt())
-    }
-
-    #[test]
-    fn straight_steep_and_bent_stripes_are_met_without_bias() {
-        /// Rounding to whole DN of 150 alone, and what the third order leaves of a bend, px.
-        const BIAS_PX: f64 = 0.002;
-        const RMS_PX: f64 = 0.004;
-        for width in [1.2, 2.0] {
-            for (name, centre) in [
-                ("upright", &(|v: f64| 70.3 + 0.01 * v) as &dyn Fn(f64) -> f64),
-                ("steep", &|v| 15.2 + 1.2 * v),
-                ("bent", &|v| 70.0 + 30.0 * (v / 25.0).sin()),
-                ("arc", &|v| 60.0 + 0.012 * (v - 45.0).powi(2)),
-            ] {
-                let (mean, rms, _) = errors(centre, width, None);
-                assert!(mean.abs() < BIAS_PX && rms < RMS_PX, "{name} {width}: bias {mean}, rms {rms}");
-            }
-        }
-    }
-
-    #[test]
-    fn sigmas_are_those_of_the_scatter_and_below_a_single_lines() {
-        /// Errors go together along the ridge, so that 8 × 66 lines are some 80 values.
-        const WITHIN: std::ops::Range<f64> = 0.8..1.25;
-        for slope in [0.02, 1.2] {
-            let centre = move |v: f64| 16.3 + slope * v;
-            let (mut squares, mut normals) = (0.0, 0.0);
-            for seed in 0..8 {
-                let (_, rms, normal) = errors(&centre, 2.0, Some(seed));
-                (squares, normals) = (squares + rms * rms / 8.0, normals + normal * normal / 8.0);
-            }
-            assert!(WITHIN.contains(&normals.sqrt()), "slope {slope}: {}", normals.sqrt());
-            // A line by itself: σ/A √(2w/√π).
-            let single = 2.0 / 150.0 * (2.0 * 2.0 / std::f64::consts::PI.sqrt()).sqrt();
-            assert!(squares.sqrt() < 0.8 * single * slope.hypot(1.0), "slope {slope}: {}", squares.sqrt());
-        }
-    }
-
-    #[test]
-    fn columns_are_rows_of_the_transposed_image_and_borders_no_trap() {
-        let centre = |v: f64| 3.0 + 0.9 * v;
-        let pixels = image((60, 50), &centre, 1.5, Some(3));
-        let turned: Vec<u16> = (0..3000).map(|i| pixels[i % 50 * 60 + i / 50]).collect();
-        let at = |y| if y == 20 { f32::NAN } else { centre(f64::from(y)) as f32 };
-        let candidates: Vec<_> = (0..50).map(at).collect();
-        let (mut rows, mut columns) = (RidgePoints::default(), RidgePoints::default());
-        let mut ridge = Ridge::new(1.5, Level::new());
-        ridge.follow(&View::packed(&pixels, 60, 50).unwrap(), Axis::PerRow, &candidates, &NOISE, &mut rows);
-        ridge.follow(
-            &View::packed(&turned, 50, 60).unwrap(),
-            Axis::PerColumn,
-            &candidates,
-            &NOISE,
-            &mut columns,
-        );
-        let found = rows.position.iter().filter(|p| !p.is_nan()).count();
-        assert!(rows.position[20].is_nan() && found >= 38);
-        for (a, b) in rows.position.iter().zip(&columns.position) {
-            assert!((a.is_nan() && b.is_nan()) || (a - b).abs() < 1e-3, "{a} {b}");
-        }
-        let (one, strange) = ([7u16; 1], [f32::NAN, 1e9, -5.0]);
-        ridge.follow(&View::packed(&one, 1, 1).unwrap(), Axis::PerRow, &strange, &NOISE, &mut rows);
-        assert!(rows.position.iter().all(|p| p.is_nan()));
-    }
 }
