@@ -97,3 +97,20 @@ fn columns_are_rows_of_the_transposed_image_and_borders_no_trap() {
     ridge.follow(&View::packed(&one, 1, 1).unwrap(), Axis::PerRow, &strange, &NOISE, &mut rows);
     assert!(rows.position.iter().all(|p| p.is_nan()));
 }
+
+#[test]
+fn all_levels_give_the_same_bits() {
+    let centre = |v: f64| 30.0 + 0.7 * v + 8.0 * (v / 9.0).sin();
+    let pixels = image((140, 90), &centre, 1.8, Some(5));
+    let view = View::packed(&pixels, 140, 90).unwrap();
+    let candidates: Vec<_> = (0..90).map(|y| centre(f64::from(y)) as f32 + 1.2).collect();
+    let bits = |level: Level| {
+        let mut points = RidgePoints::default();
+        Ridge::new(1.8, level).follow(&view, Axis::PerRow, &candidates, &NOISE, &mut points);
+        [&points.position, &points.sigma, &points.slope]
+            .map(|of| of.iter().map(|v| v.to_bits()).collect::<Vec<_>>())
+    };
+    let best = bits(Level::new());
+    assert!(best[0].iter().filter(|p| !f32::from_bits(**p).is_nan()).count() > 60);
+    assert_eq!(best, bits(Level::baseline()));
+}
