@@ -139,7 +139,7 @@ impl Row {
 /// that of χ²₁ (so that edges and reflections, a minority, do not count), and the model fitted to the bins by least
 /// squares on relative errors with all three terms kept ≥ 0, and shot noise above that of the largest full well.
 pub(crate) fn photon_transfer(residuals: &[Residual], now: &NoiseModel) -> NoiseModel {
-    let rows = rows(residuals);
+    let rows = rows(residuals, now.full_scale_dn);
     let least_shot = f64::from(now.full_scale_dn) / LARGEST_FULL_WELL_E;
     let Some(x) = least_squares(&rows, least_shot) else { return *now };
     NoiseModel {
@@ -154,7 +154,7 @@ pub(crate) fn photon_transfer(residuals: &[Residual], now: &NoiseModel) -> Noise
 pub(crate) fn explains(residuals: &[Residual], camera: &NoiseModel) -> bool {
     /// Ratio of variances beyond which a level is not explained.
     const ROUGH: f64 = 4.0;
-    let rows = rows(residuals);
+    let rows = rows(residuals, camera.full_scale_dn);
     let rough = |r: &&Row| {
         let expected =
             camera.variance(r.terms[1], 0.0) + f64::from(camera.speckle_contrast).powi(2) * r.terms[2];
@@ -176,7 +176,9 @@ fn speckled(plain: f64, with: f64, contrast_squared: f64) -> bool {
 }
 
 /// The noise of each level that the residuals show enough of.
-fn rows(residuals: &[Residual]) -> Vec<Row> {
+fn rows(residuals: &[Residual], full_scale_dn: f32) -> Vec<Row> {
+    /// Sigmas below full scale from which only those are left that noise has lowered.
+    const CLEAR_OF_CLIPPING: f64 = 3.0;
     /// Bins an octave of the level, and how many; from below one DN up to 16 bits.
     const PER_OCTAVE: f64 = 2.0;
     const BINS: usize = 40;
@@ -187,7 +189,8 @@ fn rows(residuals: &[Residual]) -> Vec<Row> {
     /// Median of χ² with one degree of freedom.
     const MEDIAN_CHI2: f64 = 0.4549;
     let mut bins: Vec<Vec<(f64, &Residual)>> = vec![Vec::new(); BINS];
-    for r in residuals.iter().filter(|r| r.freedom >= LEAST_FREEDOM && r.variance > 0.0) {
+    let clear = |r: &&Residual| r.level + CLEAR_OF_CLIPPING * r.variance.sqrt() < f64::from(full_scale_dn);
+    for r in residuals.iter().filter(|r| r.freedom >= LEAST_FREEDOM && r.variance > 0.0).filter(clear) {
         let at = ((1.0 + r.level.max(0.0)).log2() * PER_OCTAVE) as usize;
         bins[at.min(BINS - 1)].push((r.square / (r.variance * r.freedom), r));
     }

@@ -101,21 +101,25 @@ impl Precise {
         for _ in 0..ROUNDS {
             self.residuals.clear();
             self.widths.clear();
-            let mut fits: Vec<(f64, Vec<Residual>, f64)> = Vec::new();
+            // Those without and with clipped pixels.
+            let mut fits: [Vec<(f64, Vec<Residual>, f64)>; 2] = Default::default();
             for (i, k) in self.choice.iter().enumerate().filter_map(|(i, k)| k.map(|k| (i, k))).step_by(step)
             {
                 let line = self.lines.line(i);
                 let mut residuals = Vec::new();
                 let fit = refine(line, &noise, self.candidates[i].as_slice(), k, held, Some(&mut residuals));
-                let Some(fit) =
-                    fit.filter(|f| f.converged && f.saturated == 0 && f.flux > clear * f.sigma_flux)
-                else {
+                let Some(fit) = fit.filter(|f| f.converged && f.flux > clear * f.sigma_flux) else {
                     continue;
                 };
                 if fit.freedom > 1.0 && fit.width < f64::from(self.options.max_width_px) {
-                    fits.push((fit.chi2 / fit.freedom, residuals, fit.width.ln()));
+                    let kind = usize::from(fit.saturated > 0);
+                    fits[kind].push((fit.chi2 / fit.freedom, residuals, fit.width.ln()));
                 }
             }
+            let [plain, clipped] = fits;
+            // What is left of clipped stripes tells the noise, but the width less well.
+            let whole = plain.len() >= LEAST_TRAINING;
+            let fits = if whole { plain } else { clipped };
             if fits.len() < LEAST_TRAINING {
                 return (noise, None);
             }
@@ -123,7 +127,9 @@ impl Precise {
             let limit = OUTLIER * median(&mut order);
             for (_, residuals, ln_width) in fits.into_iter().filter(|f| f.0 <= limit) {
                 self.residuals.extend(residuals);
-                self.widths.push(ln_width);
+                if whole {
+                    self.widths.push(ln_width);
+                }
             }
             explained = explained && noise::explains(&self.residuals, &noise);
             noise = match self.options.noise {

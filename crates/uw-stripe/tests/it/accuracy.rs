@@ -176,6 +176,15 @@ fn saturation_is_masked_not_averaged() {
     assert_honest("saturated", &e, 0.99);
     let stripe = extract(&scene, 9, precise());
     assert!(stripe.measurements().all(|m| m.flags.contains(Flags::SATURATED)));
+    // Not one line is whole: what is not clipped has to tell the noise.
+    let (bright, level) = (|_: f64, _: f64| 1.6 * 4095.0, |_: f64, _: f64| 80.0);
+    let twelve = Scene {
+        electrons_per_dn: 2.5,
+        read_noise_dn: 2.4,
+        full_scale_dn: 4095.0,
+        ..eight_bit(&wavy, &bright, &level)
+    };
+    assert_honest("saturated, noise from the image", &errors(&twelve, 0..4, &precise()), 0.99);
 }
 
 #[test]
