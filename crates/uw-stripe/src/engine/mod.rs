@@ -175,6 +175,9 @@ impl Engine {
             self.robust(*job, buffers, stripe);
         } else {
             self.first::<P, false>(job, false, buffers, stripe);
+            if self.alone(job, buffers, stripe) {
+                self.take(job, buffers, stripe);
+            }
         }
     }
 

@@ -1,16 +1,17 @@
 //! Two candidates a line, the neighbours' say in which is taken, and likelihood where the filters' model does not hold.
 
-use super::front::NOWHERE;
+use super::front::{NOWHERE, Wanted};
+use super::maxima::ROWS;
 use super::measure::group_from;
 use super::window::GROUP;
 use super::{Buffers, Engine, Job};
-use crate::Pixel;
 use crate::lines::{Clip, Line};
 use crate::mle::{self, Fit, Seed, WINDOW, WidthPrior};
 use crate::peak::{Candidate, Candidates};
 use crate::profile::{Flags, Reject, Stripe};
 use crate::track::{Tracker, go_on};
 use crate::verdict::{self, LEAST_RUN, run_reach};
+use crate::{Axis, Pixel};
 
 /// Share of the taken peak's height from which another counts as a rival.
 const RIVAL_SHARE: f32 = 0.15;
@@ -58,6 +59,9 @@ impl Engine {
         if buffers.front.places[1].at.iter().fold(false, |any, at| any | (*at != NOWHERE)) {
             self.second_say(job, buffers, stripe);
         }
+        if self.alone(&job, buffers, stripe) {
+            self.second_say(job, buffers, stripe);
+        }
         if self.goes_on(job, &mut buffers.front.places[1].at, stripe) {
             self.second_say(job, buffers, stripe);
         }
@@ -92,17 +96,79 @@ impl Engine {
         (self.second.fits, self.second.shapes) = (fits, shapes);
     }
 
+    /// Looks at the rows on which nothing was found, each for itself, where other rows of their block may have hidden it, and fills the places of
+    /// second rank; false if there is nothing new.
+    pub(super) fn alone<P: Pixel>(
+        &self,
+        job: &Job<'_, P>,
+        buffers: &mut Buffers<P>,
+        stripe: &Stripe,
+    ) -> bool {
+        let (first_line, _, _) = job.origin();
+        let lines = first_line..first_line + job.lines();
+        let (position, reject) = (&stripe.position_px[lines.clone()], &stripe.reject[lines]);
+        // Columns have candidates of their own anyway.
+        if job.axis == Axis::PerColumn || !position.iter().fold(false, |any, p| any | p.is_nan()) {
+            return false;
+        }
+        let dark =
+            |reject: &Option<Reject>| matches!(reject, Some(Reject::NoSignal | Reject::BelowThreshold));
+        let wanted = Wanted { width_px: self.model.width_px, second: None };
+        let front = &mut buffers.front;
+        front.places[1].at.fill(NOWHERE);
+        let mut any = false;
+        for (first, block) in (0..).step_by(ROWS).zip(reject.chunks(ROWS)) {
+            if block.iter().all(dark) {
+                continue;
+            }
+            for line in (first..).zip(block).filter_map(|(line, reject)| reject.map(|_| line)) {
+                let found = front.row(self.level, &job.image, &job.roi, &wanted, line);
+                if let Some(at) = found.filter(|at| *at != front.places[0].at[line]) {
+                    front.places[1].at[line] = at;
+                    any = true;
+                }
+            }
+        }
+        any
+    }
+
+    /// Takes the candidates of second rank where there is nothing yet.
+    pub(super) fn take<P: Pixel>(&mut self, job: &Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
+        let mut second = self.seconds::<P, false>(job, buffers, stripe);
+        let (first_line, _, _) = job.origin();
+        for line in first_line..first_line + job.lines() {
+            if stripe.position_px[line].is_nan() && !second.position_px[line].is_nan() {
+                swap_line(stripe, &mut second, line);
+            }
+        }
+        self.second.stripe = second;
+    }
+
     /// Measures the candidates of second rank and takes those that make a stripe.
     #[inline(never)]
     fn second_say<P: Pixel>(&mut self, job: Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
+        let mut second = self.seconds::<P, true>(&job, buffers, stripe);
+        self.arbitrate(job, stripe, &mut second);
+        self.second.stripe = second;
+    }
+
+    /// Measures the candidates of second rank.
+    #[inline(never)]
+    fn seconds<P: Pixel, const EXTRA: bool>(
+        &mut self,
+        job: &Job<'_, P>,
+        buffers: &mut Buffers<P>,
+        stripe: &Stripe,
+    ) -> Stripe {
         let mut second = std::mem::replace(&mut self.second.stripe, Stripe::empty());
         // Every line of the region is written.
         if second.len() != stripe.len() {
             second.reset(job.axis, stripe.len());
         }
-        self.extended(job, buffers, 1, &mut second);
-        self.arbitrate(job, stripe, &mut second);
-        self.second.stripe = second;
+        for from in (0..job.lines()).step_by(GROUP) {
+            self.group::<P, EXTRA>(job, buffers, 1, group_from(job, from), &mut second);
+        }
+        second
     }
 
     /// Where the stripe breaks off, looks for it next to where it was, since something brighter may have kept it from being a candidate:
@@ -131,19 +197,6 @@ impl Engine {
         let any = go_on(position, reach, look, NOWHERE, places);
         places.iter_mut().filter(|at| **at != NOWHERE).for_each(|at| *at -= first_pixel as u32);
         any
-    }
-
-    #[inline(never)]
-    fn extended<P: Pixel>(
-        &mut self,
-        job: Job<'_, P>,
-        buffers: &mut Buffers<P>,
-        rank: usize,
-        stripe: &mut Stripe,
-    ) {
-        for from in (0..job.lines()).step_by(GROUP) {
-            self.group::<P, true>(&job, buffers, rank, group_from(&job, from), stripe);
-        }
     }
 
     /// Takes the second candidate where it continues the neighbours' stripe and the first does not.

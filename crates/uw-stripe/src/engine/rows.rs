@@ -34,7 +34,16 @@ struct Search<'a> {
     apart: usize,
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
+    /// Some rows of a region, on which the stripe moves by so many pixels.
+    fn new(roi: &'a Roi, wanted: &'a Wanted, rows: Range<usize>, moves: usize) -> Self {
+        let around = (3.5 * wanted.width_px).ceil() as usize;
+        // Whole vectors, so that maxima lie as the image does.
+        let pad = (around + STEEP).max(ARM).next_multiple_of(MOST_LANES);
+        let apart = (roi.width + 2 * pad).next_multiple_of(MOST_LANES);
+        Self { roi, wanted, rows, reach: around + moves, pad, apart }
+    }
+
     fn blocks(&self) -> Range<usize> {
         0..self.rows.len().div_ceil(ROWS)
     }
@@ -70,21 +79,17 @@ impl<P: Pixel> Front<P> {
         wanted: &Wanted,
         rows: Range<usize>,
     ) {
-        let reach = (3.5 * wanted.width_px).ceil() as usize + STEEP;
-        // Whole vectors, so that maxima lie as the image does.
-        let pad = reach.max(ARM).next_multiple_of(MOST_LANES);
-        let apart = (roi.width + 2 * pad).next_multiple_of(MOST_LANES);
-        let size = BLOCKS * apart;
+        let search = Search::new(roi, wanted, rows, STEEP);
+        let size = BLOCKS * search.apart;
         if self.contrast.len() != size || self.map.len() != size {
             self.map.resize(size);
             self.contrast.resize(size);
         }
-        if rows.start == 0 {
+        if search.rows.start == 0 {
             // Beyond the border lies what never is the smaller of two.
             self.map.fill(P::MAX);
             self.contrast.fill(P::ZERO);
         }
-        let search = Search { roi, wanted, rows, reach, pad, apart };
         for block in search.blocks() {
             let map = &mut self.map[search.within(block)];
             if roi.width < P::N {
@@ -95,6 +100,25 @@ impl<P: Pixel> Front<P> {
             }
         }
         dispatch!(level, simd => self.search(simd, image, &search));
+    }
+
+    /// What stands highest out of a single row: brighter things on other rows may have kept its stripe from being a candidate. After
+    /// [`Self::rows`], of the same region.
+    pub fn row(
+        &mut self,
+        level: Level,
+        image: &View<'_, P>,
+        roi: &Roi,
+        wanted: &Wanted,
+        row: usize,
+    ) -> Option<u32> {
+        let search = Search::new(roi, wanted, row..row + 1, 0);
+        let within = search.within(0);
+        self.map[within.clone()].copy_from_slice(&image.row(roi.y + row)[roi.x..][..roi.width]);
+        dispatch!(level, simd => {
+            let top = self.stand_out(simd, &search, 0);
+            position(simd, &self.contrast[within], top).filter(|_| top > P::ZERO).map(|at| at as u32)
+        })
     }
 
     /// True for as many pixels a row as [`Self::rows_nearby`] can number.
@@ -116,19 +140,10 @@ impl<P: Pixel> Front<P> {
     /// at other offsets, for which it must have reached the cache.
     #[inline(always)]
     fn search<S: Simd>(&mut self, simd: S, image: &View<'_, P>, search: &Search<'_>) {
-        let (roi, reach) = (search.roi, search.reach);
         let mut spans: [Option<Span>; BLOCKS] = Default::default();
         let mut tops = [P::ZERO; BLOCKS];
         for block in search.blocks() {
-            let within = search.within(block);
-            // A line too short for both sides is compared with its darkest pixel.
-            if roi.width <= 2 * reach {
-                let beyond = self.map[within.clone()].iter().copied().min().unwrap_or(P::ZERO);
-                self.map[within.start - reach..within.start].fill(beyond);
-                self.map[within.end..within.end + reach].fill(beyond);
-            }
-            tops[block] =
-                stand_out(simd, &self.map, &mut self.contrast[within.clone()], (within.start, reach));
+            tops[block] = self.stand_out(simd, search, block);
         }
         for block in search.blocks() {
             spans[block] = self.span(simd, search, block, tops[block]);
@@ -153,6 +168,19 @@ impl<P: Pixel> Front<P> {
         if any {
             self.find_tops(simd, image, search, &spans, 1);
         }
+    }
+
+    /// What of a block's maxima stands out of their surroundings, and the largest of it.
+    #[inline(always)]
+    fn stand_out<S: Simd>(&mut self, simd: S, search: &Search<'_>, block: usize) -> P {
+        let (within, reach) = (search.within(block), search.reach);
+        // A line too short for both sides is compared with its darkest pixel.
+        if within.len() <= 2 * reach {
+            let beyond = self.map[within.clone()].iter().copied().min().unwrap_or(P::ZERO);
+            self.map[within.start - reach..within.start].fill(beyond);
+            self.map[within.end..within.end + reach].fill(beyond);
+        }
+        stand_out(simd, &self.map, &mut self.contrast[within.clone()], (within.start, reach))
     }
 
     /// Where in a block the value that stands out most belongs to; `None` where nothing does.
