@@ -206,6 +206,38 @@ impl Neighbours {
         all
     }
 
+    /// Returns what comes of the neighbourhood of each leaf's middle, for each of the leaf's points, in the order of the points; counts as in [`Neighbours::of_all`]. Points astray from their
+    /// leaf have their own neighbourhoods.
+    pub(crate) fn of_leaves<T: Copy>(
+        &self,
+        counts: &[usize],
+        of: impl Fn(&Hood<'_>) -> Option<T>,
+    ) -> Vec<Option<T>> {
+        let mut scratch = Scratch::default();
+        let mut about = |place: [f64; 3]| {
+            let Scratch { best, near, distances2, .. } = &mut scratch;
+            counts.iter().find_map(|&count| {
+                self.nearest_into(&place, count, best);
+                near.clear();
+                distances2.clear();
+                near.extend(best.iter().map(|near| self.sites[near.slot as usize].at));
+                distances2.extend(best.iter().map(|near| near.distance2));
+                of(&Hood { place, near, distances2 })
+            })
+        };
+        let mut all = vec![None; self.len()];
+        for (from, to) in self.leaves() {
+            let leaf = &self.sites[from..to];
+            let (middle, half) = bulk(leaf);
+            let shared = about(middle);
+            for site in leaf {
+                let own = square(&site.at, &middle) <= (half * ROUNDED_UP).powi(2);
+                all[site.index as usize] = if own { shared } else { about(site.at) };
+            }
+        }
+        all
+    }
+
     /// Returns from where to where each leaf's points lie.
     fn leaves(&self) -> Vec<(usize, usize)> {
         let mut ranges = vec![(0, self.len())];
@@ -295,8 +327,9 @@ impl Neighbours {
         let cut = self.cuts.get(part.node)?;
         let middle = part.from + (part.to - part.from) / 2;
         let beyond = place[cut.axis as usize] - cut.at;
-        let mut off2 = part.off2;
-        off2[cut.axis as usize] = beyond * beyond;
+        // Chosen one by one: a part that is written by an index into memory, and read back as a whole, has the processor wait.
+        let off2 =
+            std::array::from_fn(|k| if k == cut.axis as usize { beyond * beyond } else { part.off2[k] });
         let (low, high) = (2 * part.node + 1, 2 * part.node + 2);
         Some(if beyond < 0.0 {
             (Part { node: low, to: middle, ..*part }, Part { node: high, from: middle, off2, ..*part })
