@@ -103,3 +103,74 @@ impl Bends {
         Form { normal, bend, reach_mm: ROUNDS as f64 * self.longest2.sqrt() }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cloud::Frame;
+    use crate::robust::Random;
+
+    /// Radius of a pipe along y, mm, and the spacing of its points.
+    const RADIUS_MM: f64 = 40.0;
+    const SPACING_MM: f64 = 1.0;
+    const SIDE: u32 = 60;
+    /// Of sums over some ten points.
+    const ROUNDING: f64 = 1e-12;
+
+    /// Part of the pipe, its points moved across it by noise.
+    fn pipe(noise_mm: f64) -> TriangleMesh {
+        let mut random = Random::new(2);
+        let mut gauss = || (0..12).map(|_| random.share()).sum::<f64>() - 6.0;
+        let mut at = |i: u32, j: u32| {
+            let angle = SPACING_MM / RADIUS_MM * (f64::from(i) - 30.0);
+            let radius = RADIUS_MM + noise_mm * gauss();
+            [radius * angle.sin(), SPACING_MM * f64::from(j), -radius * angle.cos()]
+        };
+        let vertices =
+            (0..SIDE).flat_map(|i| (0..SIDE).map(move |j| (i, j))).map(|(i, j)| at(i, j)).collect();
+        let cells = (0..SIDE - 1).flat_map(|i| (0..SIDE - 1).map(move |j| i * SIDE + j));
+        let triangles = cells.flat_map(|n| [[n, n + 1, n + SIDE], [n + 1, n + SIDE + 1, n + SIDE]]).collect();
+        TriangleMesh::new(Frame::Camera, vertices, triangles).unwrap()
+    }
+
+    /// Forms of vertices that are no nearer to the border than what has a say, with the vertices' places.
+    fn inner(mesh: &TriangleMesh) -> Vec<(Vector3<f64>, Form)> {
+        let inside = |v: &u32| [v / SIDE, v % SIDE].iter().all(|k| (5..SIDE - 5).contains(k));
+        let forms = forms(mesh);
+        let of = |v: u32| (Vector3::from(mesh.vertices_mm()[v as usize]), forms[v as usize].unwrap());
+        (0..SIDE * SIDE).filter(inside).map(of).collect()
+    }
+
+    fn radial(place: &Vector3<f64>) -> Vector3<f64> {
+        Vector3::new(place.x, 0.0, place.z) / place.x.hypot(place.z)
+    }
+
+    #[test]
+    fn a_pipe_has_its_radii_for_normals_and_bends_by_its_curvature() {
+        for (place, form) in inner(&pipe(0.0)) {
+            let normal = radial(&place);
+            assert!(form.normal.cross(&normal).norm() < ROUNDING, "{} {normal}", form.normal);
+            let around = Vector3::y().cross(&normal);
+            let sign = form.normal.dot(&normal).signum();
+            let turn = form.bend * around * sign * RADIUS_MM;
+            assert!((turn - around).norm() < ROUNDING, "{turn} {around}");
+            assert!((form.bend * Vector3::y()).norm() < ROUNDING, "{}", form.bend);
+            // Half-way the normal is square to the chord but for its third power: what lies on the pipe lies at no distance along it.
+            let other = RADIUS_MM * (normal * 0.05_f64.cos() + around * 0.05_f64.sin());
+            let chord = other + Vector3::y() * place.y - place;
+            let mean = (form.normal + form.bend * chord * 0.5).normalize();
+            assert!(mean.dot(&chord).abs() < 1e-3 * form.normal.dot(&chord).abs(), "{chord}");
+        }
+    }
+
+    #[test]
+    fn normals_scatter_as_those_of_planes_through_24_neighbours() {
+        const NOISE_MM: f64 = 0.05;
+        let inner = inner(&pipe(NOISE_MM));
+        let squares = inner.iter().map(|(place, form)| 1.0 - form.normal.dot(&radial(place)).powi(2));
+        let tilt = (squares.sum::<f64>() / inner.len() as f64).sqrt();
+        // Σ x² of 24 points one spacing apart is 24² / 4π, along each of two axes.
+        let of_planes = NOISE_MM / SPACING_MM * (2.0 * 4.0 * std::f64::consts::PI / 24.0_f64.powi(2)).sqrt();
+        assert!((0.7..1.3).contains(&(tilt / of_planes)), "{tilt} rad, {of_planes} rad");
+    }
+}
