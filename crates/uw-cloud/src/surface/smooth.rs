@@ -237,8 +237,9 @@ fn local(normal: Unit<Vector3<f64>>, mut sample: Vec<(Vector3<f64>, f64, bool)>)
         let mut right = SVector::<f64, TERMS>::zeros();
         for (arm, variance, _) in &sample {
             let row = terms(arm);
-            matrix += row * row.transpose() / *variance;
-            right += row * (normal.dot(arm) / variance);
+            let weighed = row * variance.recip();
+            matrix += row * weighed.transpose();
+            right += weighed * normal.dot(arm);
         }
         let inverse = matrix.cholesky()?.inverse();
         let solution = inverse * right;
