@@ -138,7 +138,7 @@ class Table:
 
 
 def ours(binary, points, *operations, other=None):
-    """Returns {operation: (seconds, words)}, and a dictionary of normals, triangles and outliers where they were asked for."""
+    """Returns {operation: (seconds, words)}, and a dictionary of normals, meshes and outliers where they were asked for."""
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         write_points(folder / "cloud.f64", points)
@@ -149,8 +149,9 @@ def ours(binary, points, *operations, other=None):
         made = {}
         if "normals" in operations:
             made["normals"] = np.loadtxt(folder / "normals.txt")
-        if "mesh" in operations:
-            made["triangles"] = np.fromfile(folder / "triangles.u32", "<u4").reshape(-1, 3)
+        for mesh in {"mesh", "smoothed"}.intersection(operations):
+            vertices = np.fromfile(folder / f"{mesh}.vertices.f64", "<f8").reshape(-1, 3)
+            made[mesh] = vertices, np.fromfile(folder / f"{mesh}.triangles.u32", "<u4").reshape(-1, 3)
         if "outliers" in operations:
             made["outliers"] = np.fromfile(folder / "outliers.u8", np.uint8).astype(bool)
         return {line[0]: (float(line[1]), line[2:]) for line in lines}, made
@@ -183,7 +184,7 @@ def fits(binary, rng, n, table):
 def surfaces(binary, rng, n, table):
     x = sheet(rng, n)
     true = wave_normals(x[:, 0], x[:, 1])
-    found, made = ours(binary, x, "normals", "mesh")
+    found, made = ours(binary, x, "normals", "mesh", "smoothed")
 
     def angles(normals):
         return np.degrees(np.sqrt(np.nanmean(np.arccos(np.clip(np.abs((normals * true).sum(1)), 0, 1)) ** 2)))
@@ -205,7 +206,8 @@ def surfaces(binary, rng, n, table):
         table.add("mesh, 99 % off mm", who, seconds, far)
         table.add("mesh, |covered - 1|", who, seconds, max(abs(share - 1), 1e-4))
 
-    add("uwscan", found["mesh"][0], x, made["triangles"])
+    add("uwscan", found["mesh"][0], *made["mesh"])
+    add("uwscan smoothed", found["smoothed"][0], *made["smoothed"])
     poisson = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson
     seconds, made = timed(lambda: poisson(cloud, depth=8, n_threads=1)[0], 1)
     add("open3d poisson 8", seconds, made.vertices, made.triangles)

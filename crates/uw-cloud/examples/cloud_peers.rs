@@ -1,7 +1,7 @@
 //! What `benches/peers/clouds.py` compares with other people's programs: this project's operations on clouds, timed inside the process.
 //!
 //! `cargo run --release -p uw-cloud --example cloud_peers -- FOLDER OPERATION…` reads `cloud.f64` of the folder (x, y and z of each point, mm, eight bytes each, the lowest first; `other.f64` is the
-//! cloud that `icp` moves onto it), and prints a line an operation: its name, the shortest processor time of several runs in seconds, and figures. Normals, triangles and outliers go to the folder.
+//! cloud that `icp` moves onto it), and prints a line an operation: its name, the shortest processor time of several runs in seconds, and figures. Normals, meshes and outliers go to the folder.
 
 #![allow(clippy::print_stdout, reason = "the table of figures is what is asked for")]
 #![allow(clippy::unwrap_used, reason = "a bench that can't run says so by stopping")]
@@ -11,8 +11,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 use uw_cloud::{
     CylinderOptions, Frame, NORMAL_NEIGHBOURS, PlaneOptions, PointCloud, ShapeFit, ShapeOptions,
-    SphereOptions, Start, SurfaceOptions, SweepSurface, find_shapes, fit_cylinder, fit_plane, fit_sphere,
-    normals, register_sweep, sparse_outliers, triangulate,
+    SphereOptions, Start, SurfaceOptions, SweepSurface, TriangleMesh, find_shapes, fit_cylinder, fit_plane,
+    fit_sphere, normals, register_sweep, sparse_outliers, triangulate,
 };
 
 /// Runs of an operation at least, and the time that they may take all together.
@@ -65,6 +65,15 @@ fn of_shape(fit: &ShapeFit) -> String {
     }
 }
 
+/// Writes a mesh's vertices and triangles, and tells how many these are and their area.
+fn written(mesh: &TriangleMesh, name: &str, folder: &Path) -> String {
+    let places: Vec<u8> = mesh.vertices_mm().iter().flatten().flat_map(|c| c.to_le_bytes()).collect();
+    std::fs::write(folder.join(format!("{name}.vertices.f64")), places).unwrap();
+    let corners: Vec<u8> = mesh.triangles().iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
+    std::fs::write(folder.join(format!("{name}.triangles.u32")), corners).unwrap();
+    figures([mesh.triangles().len() as f64, mesh.area_mm2()])
+}
+
 fn operate(cloud: &PointCloud, operation: &str, folder: &Path) -> (f64, String) {
     match operation {
         "plane" => {
@@ -95,11 +104,14 @@ fn operate(cloud: &PointCloud, operation: &str, folder: &Path) -> (f64, String) 
         }
         "mesh" => {
             let (time, surface) = timed(|| triangulate(cloud, &SurfaceOptions::default()).unwrap());
-            let corners = surface.mesh.triangles().iter().flatten();
-            let points = corners.map(|&v| surface.points[v as usize]);
-            let bytes: Vec<u8> = points.flat_map(u32::to_le_bytes).collect();
-            std::fs::write(folder.join("triangles.u32"), bytes).unwrap();
-            (time, figures([surface.mesh.triangles().len() as f64, surface.mesh.area_mm2()]))
+            (time, written(&surface.mesh, operation, folder))
+        }
+        "smoothed" => {
+            // Smoothing asks how sure points are of each other: all alike, which tells nothing.
+            let alike = cloud.clone().with_sigmas_mm(vec![1.0; cloud.len()]).unwrap();
+            let options = SurfaceOptions { smooth: true, ..SurfaceOptions::default() };
+            let (time, surface) = timed(|| triangulate(&alike, &options).unwrap());
+            (time, written(&surface.mesh, operation, folder))
         }
         "outliers" => {
             let (time, outliers) = timed(|| sparse_outliers(cloud, 3.0).unwrap());

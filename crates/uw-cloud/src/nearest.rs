@@ -72,9 +72,12 @@ impl<'a> NearestOnMesh<'a> {
         let faces: Vec<_> = (0..mesh.triangles().len())
             .map(|t| mesh.area_vector(t).try_normalize(0.0).unwrap_or_default())
             .collect();
-        let mut order: Vec<u32> =
-            (0..faces.len() as u32).filter(|&t| faces[t as usize].norm_squared() > 0.0).collect();
-        if order.is_empty() {
+        let low = Vector3::from(mesh.bounding_box_mm()?.0);
+        let mut middles: Vec<Middle> = (0..faces.len() as u32)
+            .filter(|&t| faces[t as usize].norm_squared() > 0.0)
+            .map(|t| Middle::of(mesh, t, &low))
+            .collect();
+        if middles.is_empty() {
             return None;
         }
         let links = Links::new(mesh.triangles(), mesh.vertices_mm().len());
@@ -85,14 +88,9 @@ impl<'a> NearestOnMesh<'a> {
                 open_vertices[corners[(k + 1) % 3] as usize] = true;
             }
         }
-        let mut nodes = Vec::with_capacity(2 * order.len() / LEAF + 1);
-        let boxes: Vec<_> = (0..faces.len())
-            .map(|t| {
-                let [a, b, c] = mesh.corners(t);
-                (a.inf(&b).inf(&c), a.sup(&b).sup(&c))
-            })
-            .collect();
-        split(&boxes, &mut order, 0, &mut nodes);
+        let mut nodes = Vec::with_capacity(2 * middles.len() / LEAF + 1);
+        split(mesh, &mut middles, 0, &mut nodes);
+        let order = middles.iter().map(|middle| middle.triangle).collect();
         Some(Self { mesh, order, nodes, faces, sides: OnceLock::new(), links, open_vertices })
     }
 
@@ -202,28 +200,62 @@ impl Node {
     }
 }
 
-/// Appends the tree over some triangles, halved along the longest side of the box about their middles.
-fn split(boxes: &[(Vector3<f64>, Vector3<f64>)], order: &mut [u32], first: u32, nodes: &mut Vec<Node>) {
-    let middle = |t: u32| boxes[t as usize].0 + boxes[t as usize].1;
-    let (mut low, mut high) = boxes[order[0] as usize];
-    let (mut least, mut most) = (middle(order[0]), middle(order[0]));
-    for &t in order.iter() {
-        (low, high) = (low.inf(&boxes[t as usize].0), high.sup(&boxes[t as usize].1));
-        (least, most) = (least.inf(&middle(t)), most.sup(&middle(t)));
+/// What a triangle is sorted by: its middle, thrice, from a corner of the mesh's box. Where a tree is halved needs no more digits.
+#[derive(Clone, Copy)]
+struct Middle {
+    at: [f32; 3],
+    triangle: u32,
+}
+
+impl Middle {
+    fn of(mesh: &TriangleMesh, triangle: u32, low: &Vector3<f64>) -> Self {
+        let [a, b, c] = mesh.corners(triangle as usize).map(|corner| corner - low);
+        let sum = a + b + c;
+        Self { at: [sum.x as f32, sum.y as f32, sum.z as f32], triangle }
     }
+}
+
+/// Appends the tree over some triangles, halved along the longest side of the box about their middles, and returns the box about them.
+fn split(
+    mesh: &TriangleMesh,
+    order: &mut [Middle],
+    first: u32,
+    nodes: &mut Vec<Node>,
+) -> (Vector3<f64>, Vector3<f64>) {
     let at = nodes.len();
     if order.len() <= LEAF {
+        let corners = || order.iter().flat_map(|middle| mesh.corners(middle.triangle as usize));
+        let low = corners().fold(Vector3::repeat(f64::INFINITY), |low, corner| low.inf(&corner));
+        let high = corners().fold(Vector3::repeat(f64::NEG_INFINITY), |high, corner| high.sup(&corner));
         nodes.push(Node { low, high, at: first, count: order.len() as u32 });
-        return;
+        return (low, high);
     }
-    nodes.push(Node { low, high, at: 0, count: 0 });
-    let axis = (most - least).imax();
+    nodes.push(Node { low: Vector3::zeros(), high: Vector3::zeros(), at: 0, count: 0 });
+    let axis = longest_side(order);
     let half = order.len() / 2;
-    order.select_nth_unstable_by(half, |&a, &b| middle(a)[axis].total_cmp(&middle(b)[axis]).then(a.cmp(&b)));
+    order.select_nth_unstable_by(half, |a, b| {
+        a.at[axis].total_cmp(&b.at[axis]).then(a.triangle.cmp(&b.triangle))
+    });
     let (lower, upper) = order.split_at_mut(half);
-    split(boxes, lower, first, nodes);
-    nodes[at].at = nodes.len() as u32;
-    split(boxes, upper, first + half as u32, nodes);
+    let own = split(mesh, lower, first, nodes);
+    let second = nodes.len() as u32;
+    let other = split(mesh, upper, first + half as u32, nodes);
+    let (low, high) = (own.0.inf(&other.0), own.1.sup(&other.1));
+    nodes[at] = Node { low, high, at: second, count: 0 };
+    (low, high)
+}
+
+/// Returns the axis along which middles spread most.
+fn longest_side(middles: &[Middle]) -> usize {
+    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for middle in middles {
+        for k in 0..3 {
+            low[k] = if middle.at[k] < low[k] { middle.at[k] } else { low[k] };
+            high[k] = if middle.at[k] > high[k] { middle.at[k] } else { high[k] };
+        }
+    }
+    let side = |k: usize| high[k] - low[k];
+    (1..3).fold(0, |longest, k| if side(k) > side(longest) { k } else { longest })
 }
 
 /// The point of a triangle nearest to a place (C. Ericson, Real-Time Collision Detection, 2005, section 5.1.5).

@@ -5,23 +5,16 @@
 //! one distance are taken by their index, so that an answer does not depend on how the tree was made.
 
 mod candidates;
+mod hoods;
 
 use crate::error::CloudError;
-use candidates::Candidates;
-use rayon::prelude::*;
+pub(crate) use hoods::Hood;
 
 /// Points of a leaf at most. Neighbourhoods of a leaf's points are looked for together.
 const LEAF: usize = 12;
 
 /// Points from which on work is shared among threads.
 pub(crate) const MANY: usize = 50_000;
-
-/// Candidates of a leaf's neighbourhoods by the points of one, and half its length by what one is guessed to reach, from which on each point is asked for alone.
-const CROWDED: usize = 32;
-const WIDE: f64 = 2.0;
-
-/// Distance from a leaf's middle in units of the typical one, beyond which a point is asked for alone: one astray would make the leaf long.
-const ASTRAY: f64 = 2.0;
 
 /// A k-d tree over a cloud's positions.
 pub struct Neighbours {
@@ -68,16 +61,6 @@ struct Part {
     from: usize,
     to: usize,
     off2: [f64; 3],
-}
-
-/// The neighbourhood of one of the points.
-pub(crate) struct Hood<'a> {
-    /// The point.
-    pub(crate) place: [f64; 3],
-    /// Its nearest points, itself among them, in no order to rely on but always the same.
-    pub(crate) near: &'a [[f64; 3]],
-    /// Squared distances of these, mm².
-    pub(crate) distances2: &'a [f64],
 }
 
 impl Neighbours {
@@ -171,120 +154,6 @@ impl Neighbours {
         found
     }
 
-    /// Returns what comes of each point's neighbourhood, in the order of the points: of its first so many neighbours, or where nothing
-    /// comes of these, of so many as are named next.
-    ///
-    /// The points of a leaf are looked at together: whatever is near one of them is near the leaf's middle. Large clouds are shared among
-    /// threads; what comes of it is the same.
-    pub(crate) fn of_all<T: Copy + Send>(
-        &self,
-        counts: &[usize],
-        of: impl Fn(&Hood<'_>) -> Option<T> + Sync,
-    ) -> Vec<Option<T>> {
-        let leaves = self.leaves();
-        let told = |leaves: &[(usize, usize)]| {
-            let mut scratch = Scratch::default();
-            let mut told = Vec::with_capacity(leaves.len() * LEAF);
-            for &(from, to) in leaves {
-                let first = told.len();
-                told.resize(first + to - from, None);
-                for &count in counts.iter().filter(|count| **count > 0) {
-                    self.of_leaf(&self.sites[from..to], count, &of, &mut told[first..], &mut scratch);
-                }
-            }
-            told
-        };
-        let in_order: Vec<Option<T>> = if self.len() < MANY {
-            told(&leaves)
-        } else {
-            leaves.par_chunks(256).flat_map_iter(told).collect()
-        };
-        let mut all = vec![None; self.len()];
-        for (site, told) in self.sites.iter().zip(in_order) {
-            all[site.index as usize] = told;
-        }
-        all
-    }
-
-    /// Returns from where to where each leaf's points lie.
-    fn leaves(&self) -> Vec<(usize, usize)> {
-        let mut ranges = vec![(0, self.len())];
-        while ranges.len() <= self.cuts.len() {
-            ranges = ranges.iter().flat_map(|&(a, b)| [(a, a + (b - a) / 2), (a + (b - a) / 2, b)]).collect();
-        }
-        ranges
-    }
-
-    /// Asks for those points of a leaf that nothing came of yet.
-    fn of_leaf<T>(
-        &self,
-        leaf: &[Site],
-        count: usize,
-        of: &impl Fn(&Hood<'_>) -> Option<T>,
-        told: &mut [Option<T>],
-        scratch: &mut Scratch,
-    ) {
-        if told.iter().all(Option::is_some) {
-            return;
-        }
-        let count = count.min(self.len());
-        let (middle, half) = bulk(leaf);
-        let wide = scratch.guess > 0.0 && half > WIDE * scratch.guess;
-        let own = if wide { 0.0 } else { self.gather(&middle, half, count, scratch) };
-        let Scratch { best, candidates, near, distances2, guess, .. } = scratch;
-        let alone = wide || candidates.len() > CROWDED * count.max(8);
-        if !alone {
-            *guess = GUESSED_MORE * own;
-        }
-        let (mut bound, mut previous) = (f64::INFINITY, middle);
-        for (site, told) in leaf.iter().zip(told).filter(|(_, told)| told.is_none()) {
-            near.clear();
-            distances2.clear();
-            let arm = square(&site.at, &middle).sqrt();
-            if alone || arm > half {
-                self.nearest_into(&site.at, count, best);
-                near.extend(best.iter().map(|near| self.sites[near.slot as usize].at));
-                distances2.extend(best.iter().map(|near| near.distance2));
-            } else {
-                // What was found for the point before bounds it as well.
-                let bounds = (own + arm).min(bound + square(&site.at, &previous).sqrt()) * ROUNDED_UP;
-                candidates.nearest(&site.at, count, bounds, (bounds + arm) * ROUNDED_UP);
-                near.extend(candidates.found.iter().map(|&(_, slot)| candidates.at(slot)));
-                distances2.extend(candidates.found.iter().map(|&(distance2, _)| distance2));
-            }
-            bound = distances2.iter().copied().fold(0.0, f64::max).sqrt();
-            previous = site.at;
-            *told = of(&Hood { place: site.at, near, distances2 });
-        }
-    }
-
-    /// Gathers what may be among the nearest of any place up to `half` away from a middle, and returns within what distance of the middle there are `count` points.
-    ///
-    /// A place half away has as many within half more, and these are within another half of the middle. How far it is, the leaf before lets guess.
-    fn gather(&self, middle: &[f64; 3], half: f64, count: usize, scratch: &mut Scratch) -> f64 {
-        let Scratch { best, candidates, ranges, guess, .. } = scratch;
-        let mut take = |own: f64| {
-            let reach = (own + 2.0 * half) * ROUNDED_UP;
-            ranges.clear();
-            self.each_leaf_within(self.whole(), middle, reach * reach, &mut |from, to| {
-                ranges.push((from, to));
-            });
-            candidates.all.clear();
-            for &(from, to) in ranges.iter() {
-                candidates.all.extend_from_slice(&self.sites[from..to]);
-            }
-            candidates.arrange(middle, reach);
-            candidates.radius_of(count).filter(|radius| *radius <= own)
-        };
-        let guessed = if *guess > 0.0 { take(*guess) } else { None };
-        guessed.unwrap_or_else(|| {
-            self.nearest_into(middle, count, best);
-            let exact = best.last().map_or(0.0, |last| last.distance2.sqrt()) * ROUNDED_UP;
-            take(exact);
-            exact
-        })
-    }
-
     fn whole(&self) -> Part {
         Part { node: 0, from: 0, to: self.len(), off2: [0.0; 3] }
     }
@@ -295,8 +164,9 @@ impl Neighbours {
         let cut = self.cuts.get(part.node)?;
         let middle = part.from + (part.to - part.from) / 2;
         let beyond = place[cut.axis as usize] - cut.at;
-        let mut off2 = part.off2;
-        off2[cut.axis as usize] = beyond * beyond;
+        // Chosen one by one: a part that is written by an index into memory, and read back as a whole, has the processor wait.
+        let off2 =
+            std::array::from_fn(|k| if k == cut.axis as usize { beyond * beyond } else { part.off2[k] });
         let (low, high) = (2 * part.node + 1, 2 * part.node + 2);
         Some(if beyond < 0.0 {
             (Part { node: low, to: middle, ..*part }, Part { node: high, from: middle, off2, ..*part })
@@ -411,20 +281,6 @@ const NOWHERE: Near = Near { distance2: f64::INFINITY, index: u32::MAX, slot: 0 
 /// A bound of a few sums and roots, rounded up.
 const ROUNDED_UP: f64 = 1.0 + 1e-12;
 
-/// By how much more than the leaf before a leaf's neighbourhoods are guessed to reach: where that is too little, they are looked for.
-const GUESSED_MORE: f64 = 1.15;
-
-/// What one leaf after the other is worked on in.
-#[derive(Default)]
-struct Scratch {
-    best: Vec<Near>,
-    ranges: Vec<(usize, usize)>,
-    candidates: Candidates,
-    near: Vec<[f64; 3]>,
-    distances2: Vec<f64>,
-    guess: f64,
-}
-
 /// Puts points in the order of leaves, and fills the branches' cuts, by level.
 fn halve(sites: &mut [Site], mut levels: Vec<&mut [Cut]>) {
     let Some((cut, _)) = levels.first_mut().and_then(|own| own.split_first_mut()) else { return };
@@ -457,22 +313,6 @@ fn corners<'a>(sites: impl Iterator<Item = &'a Site>) -> ([f64; 3], [f64; 3]) {
     })
 }
 
-/// Returns the middle of a leaf's points, and how far they are from it at most, those that are astray aside.
-fn bulk(leaf: &[Site]) -> ([f64; 3], f64) {
-    let mut values = [0.0; LEAF];
-    let mut typical = |of: &dyn Fn(&Site) -> f64| {
-        let values = &mut values[..leaf.len()];
-        values.iter_mut().zip(leaf).for_each(|(value, site)| *value = of(site));
-        *values.select_nth_unstable_by(leaf.len() / 2, f64::total_cmp).1
-    };
-    let rough: [f64; 3] = std::array::from_fn(|k| typical(&|site| site.at[k]));
-    let limit = ASTRAY * ASTRAY * typical(&|site| square(&site.at, &rough));
-    let own = || leaf.iter().filter(|site| square(&site.at, &rough) <= limit);
-    let (low, high) = corners(own());
-    let middle = std::array::from_fn(|k| 0.5 * (low[k] + high[k]));
-    (middle, own().map(|site| square(&site.at, &middle)).fold(0.0, f64::max).sqrt())
-}
-
 #[inline]
 fn square(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     let [x, y, z] = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
@@ -485,7 +325,7 @@ mod tests {
     use crate::robust::Random;
 
     /// Points on a grid, at random, on a line, all in one place, and with one far astray.
-    fn clouds() -> Vec<Vec<[f64; 3]>> {
+    pub(super) fn clouds() -> Vec<Vec<[f64; 3]>> {
         let mut random = Random::new(5);
         let mut number = || random.share() * 20.0 - 10.0;
         let grid = (0..700).map(|i| [i % 10, i / 10 % 10, i / 100].map(f64::from)).collect();
@@ -497,7 +337,7 @@ mod tests {
     }
 
     /// What is nearest by looking at all of them.
-    fn nearest(points: &[[f64; 3]], place: &[f64; 3], count: usize) -> Vec<(f64, usize)> {
+    pub(super) fn nearest(points: &[[f64; 3]], place: &[f64; 3], count: usize) -> Vec<(f64, usize)> {
         let mut all: Vec<_> = points.iter().zip(0..).map(|(p, i)| (square(p, place), i)).collect();
         all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         all.truncate(count);
@@ -527,56 +367,5 @@ mod tests {
                 assert_eq!(within, near);
             }
         }
-    }
-
-    #[test]
-    fn all_at_once_are_those_of_each() {
-        for points in clouds() {
-            let tree = Neighbours::new(&points).unwrap();
-            // Nothing comes of eight for some of the points.
-            let enough = |place: &[f64; 3]| !place[0].to_bits().count_ones().is_multiple_of(3);
-            let of = |hood: &Hood<'_>| {
-                let mut all: Vec<_> = hood
-                    .distances2
-                    .iter()
-                    .zip(hood.near)
-                    .map(|(d, p)| (d.to_bits(), p.map(f64::to_bits)))
-                    .collect();
-                all.sort_unstable();
-                let known = all.iter().fold(0, |sum: u64, (d, p)| {
-                    [*d, p[0], p[1], p[2]]
-                        .iter()
-                        .fold(sum, |sum, bits| sum.rotate_left(5).wrapping_add(*bits))
-                });
-                (enough(&hood.place) || hood.near.len() > 8 || points.len() < 9)
-                    .then_some((hood.near.len(), known))
-            };
-            let told = tree.of_all(&[8, 30], of);
-            for (i, told) in told.iter().enumerate() {
-                let count = if enough(&points[i]) { 8 } else { 30 };
-                let near = nearest(&points, &points[i], count);
-                let hood = Hood {
-                    place: points[i],
-                    near: &near.iter().map(|n| points[n.1]).collect::<Vec<_>>(),
-                    distances2: &near.iter().map(|n| n.0).collect::<Vec<_>>(),
-                };
-                assert_eq!(*told, of(&hood), "{i}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_large_tree_is_the_same_on_many_threads() {
-        let mut random = Random::new(7);
-        let points: Vec<[f64; 3]> =
-            (0..2 * MANY + 7).map(|_| [random.share(), random.share(), 0.0]).collect();
-        let tree = Neighbours::new(&points).unwrap();
-        let farthest = |hood: &Hood<'_>| hood.distances2.iter().copied().max_by(f64::total_cmp);
-        let told = tree.of_all(&[9], farthest);
-        for i in (0..points.len()).step_by(997) {
-            assert_eq!(told[i], tree.nearest(&points[i], 9).last().map(|near| near.0));
-        }
-        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        assert_eq!(told, one.install(|| tree.of_all(&[9], farthest)));
     }
 }

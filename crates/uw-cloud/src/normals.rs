@@ -110,6 +110,15 @@ pub(crate) fn local_planes(
     neighbours.of_all(&counts(count), |hood| plane_of_hood(hood, sensor_mm))
 }
 
+/// Returns the plane about every point of a tree, roughly: of points in one leaf, of some ten, that through the neighbours of their middle.
+pub(crate) fn shared_planes(
+    neighbours: &Neighbours,
+    count: usize,
+    sensor_mm: &[f64; 3],
+) -> Vec<Option<LocalPlane>> {
+    neighbours.of_leaves(&counts(count), |hood| plane_of_hood(hood, sensor_mm))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -10,12 +10,14 @@
 //! | points | `sample` | which points have a say, their normals; what a point costs under a pose |
 //! | starts | `starts` | poses worth refining, from pairs of oriented points, where nothing is known of the pose |
 //! | refinement | `refine`, `certainty` | the pose of least squares beside a start, and its covariance |
-//! | rough surfaces | `sweep` | what a point belongs to where it is laid onto another sweep |
+//! | rough surfaces | `sweep`, `form` | what a point belongs to where it is laid onto another sweep; which way that faces and bends |
 //! | several sweeps | `joint` | all poses at once, for `merge` |
 //! | rivals | `rivals` | motions that nothing is lost along, and other poses that fit as well |
 
 mod certainty;
+mod form;
 mod joint;
+mod pose;
 mod refine;
 mod rivals;
 mod sample;
@@ -27,11 +29,13 @@ use crate::error::RegisterError;
 use crate::nearest::NearestOnMesh;
 pub(crate) use joint::{Joint, joint};
 use nalgebra::{Isometry3, Matrix6, Vector3, Vector6};
+use pose::Pose;
 use rayon::prelude::*;
-use refine::{Bounds, Fitted, refine};
+use refine::{Bounds, FARTHEST, Fitted, refine};
 use rivals::Judge;
 pub(crate) use sample::Samples;
 use sample::{Onto, Sample, TUKEY, Target};
+use sweep::Known;
 pub use sweep::SweepSurface;
 
 const MAX_ROUNDS: usize = 80;
@@ -129,7 +133,11 @@ pub fn register_sweep(
     start: Start,
     least_overlap: f64,
 ) -> Result<Registration, RegisterError> {
-    let samples = Samples { signed: true, ..Samples::new(cloud)? };
+    let samples = match start {
+        Start::Near(..) => Samples::of_cloud(cloud)?,
+        // Pairs of points by themselves tell a pose there, their normals among it.
+        Start::Anywhere => Samples { signed: true, ..Samples::new(cloud)? },
+    };
     registered(&samples, Onto::Sweep(target), start, least_overlap)
 }
 
@@ -171,7 +179,7 @@ fn registered(
 }
 
 fn aligned(samples: &Samples, target: &Target<'_, '_>, start: Start) -> Registration {
-    let all: Vec<&Sample> = samples.points.iter().collect();
+    let all = samples.all();
     let radius = samples.radius;
     let (pose, reach, others) = match start {
         Start::Near(pose, reach) => (pose, reach, Vec::new()),
@@ -182,7 +190,7 @@ fn aligned(samples: &Samples, target: &Target<'_, '_>, start: Start) -> Registra
     let near = refine(target, &samples.few(PREPARED), radius, pose, bounds, &[]);
     let (begun, short) = if near.rms.is_finite() && all.len() > 2 * PREPARED {
         let noise = near.rms.max(near.floor).max(1e-9 * radius);
-        (near.pose, Bounds { reach: (4.0 * TUKEY * noise).min(reach), ..bounds })
+        (near.pose, Bounds { reach: (FARTHEST * noise).min(reach), ..bounds })
     } else {
         (pose, bounds)
     };
@@ -206,17 +214,19 @@ fn aligned(samples: &Samples, target: &Target<'_, '_>, start: Start) -> Registra
     }
     let rivals = rivals::rivals(samples, &judge, &fitted.pose, &others, &free);
     let reach = TUKEY * floor + 3.0 * TUKEY * fitted.rms.min(radius);
+    let pose = Pose::of(&fitted.pose, &samples.middle);
     let facing = |sample: &&Sample| {
-        let turned = fitted.pose.rotation * sample.normal?;
-        let near = Target { signed: true, ..*target }.matched(sample, &fitted.pose, reach)?;
+        let turned = pose.direction(&sample.normal?);
+        let near = Target { signed: true, ..*target }.matched(sample, &pose, reach, &mut Known::default())?;
         Some(turned.dot(&near.normal) < 0.0)
     };
     let sides: Vec<bool> = judge.points.iter().filter_map(facing).collect();
     let away = sides.iter().filter(|away| **away).count();
+    let beside = all.iter().zip(&mut fitted.known);
+    let on = beside.map(|(sample, known)| target.cost(sample, &pose, floor, known) < 1.0);
+    let overlap = on.filter(|on| *on).count() as f64 / all.len() as f64;
     Registration {
-        overlap: target.costs(all.iter().copied(), &fitted.pose, floor).iter().filter(|c| **c < 1.0).count()
-            as f64
-            / all.len() as f64,
+        overlap,
         reversed: samples.signed && 2 * away > sides.len(),
         rivals,
         ..told(&fitted, samples, &free)

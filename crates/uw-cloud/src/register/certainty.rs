@@ -18,8 +18,12 @@ const ANY: f64 = 1e-9;
 pub(super) fn patches(places: &[Vector3<f64>]) -> Result<Vec<Vec<usize>>, CloudError> {
     let places: Vec<[f64; 3]> = places.iter().map(|place| (*place).into()).collect();
     let order: Vec<usize> = Neighbours::new(&places)?.in_order().collect();
-    let size = (order.len() / PATCHES).clamp(1, OF_A_PATCH);
-    Ok(order.chunks(size).map(<[usize]>::to_vec).collect())
+    Ok(order.chunks(patch_size(order.len())).map(<[usize]>::to_vec).collect())
+}
+
+/// Returns how many of so many points are a patch, where what is near in their order is near in space.
+pub(super) fn patch_size(points: usize) -> usize {
+    (points / PATCHES).clamp(1, OF_A_PATCH)
 }
 
 /// Returns by how much a scatter of so many patches' sums is too small, the solution having followed them with so many unknowns.

@@ -1,6 +1,7 @@
 //! Several sweeps at once: every one's points onto every other's surface.
 
 use super::certainty::{bent, followed, form_inverse, patches};
+use super::pose::Pose;
 use super::refine::NOTHING_LEFT;
 use super::sample::{Match, Sample, Samples, TUKEY};
 use super::sweep::{Known, SweepSurface};
@@ -114,13 +115,13 @@ fn laid(
     reach: f64,
 ) -> Pair {
     const ALIKE: f64 = 0.7;
-    let surface_from_points = poses[j].inverse() * poses[i];
+    let surface_from_points = Pose::of(&(poses[j].inverse() * poses[i]), &samples.middle);
+    let [own, other] = [i, j].map(|k| Pose::of(&poses[k], middle));
     let of = |sample: &Sample| {
-        let found =
-            surface.matched(sample, &surface_from_points, &samples.middle, reach, &mut Known::default())?;
-        let arm = (poses[i] * Point3::from(sample.place)).coords - middle;
-        let turned = |normal| poses[j].rotation * normal;
-        let (normal, normals) = (turned(found.normal), found.normals.map(turned));
+        let found = surface.matched(sample, &surface_from_points, reach, &mut Known::default())?;
+        let arm = own.place(&sample.place) - middle;
+        let (normal, normals) =
+            (other.direction(&found.normal), found.normals.map(|normal| other.direction(&normal)));
         (found.facing > ALIKE).then_some(Match { arm, normal, normals, ..found })
     };
     let matches: Vec<Match> = samples.points.iter().filter_map(of).collect();

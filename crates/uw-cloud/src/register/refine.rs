@@ -1,6 +1,6 @@
 //! From a start to the pose of least squares beside it.
 
-use super::certainty::{bent, followed, form_inverse, patches};
+use super::certainty::{bent, followed, form_inverse, patch_size};
 use super::sample::{Match, Sample, TUKEY, Target};
 use super::sweep::Known;
 use crate::robust::{median, scale_about_zero};
@@ -10,11 +10,15 @@ use nalgebra::{DMatrix, Isometry3, Matrix6, Point3, Translation3, UnitQuaternion
 const SAME_FACE: f64 = 0.17;
 /// Added to each motion's information, as a share of the best known one's, so that what is hardly known makes no leaps.
 const DAMPING: f64 = 1e-4;
+/// Steps of reweighted least squares are short by what reweighting hides of the curvature. Twice as long they still lead downhill, as theirs is a bound of the true cost.
+const LEAST_BENT: f64 = 0.5;
 /// The longest step, in units of the cloud's radius.
 const LONGEST_STEP: f64 = 0.3;
 /// The least scatter, in units of the cloud's radius: of numbers without noise.
 const ROUNDING: f64 = 1e-9;
 
+/// How far off a point is still looked for, in units of the points' noise: thrice as far as what has a say.
+pub(super) const FARTHEST: f64 = 3.0 * TUKEY;
 /// A step that is the last, in units of the points' noise (a pose from thousands of them is known to about a hundredth of it) and of the cloud's radius.
 const SETTLED: f64 = 3e-4;
 const NO_STEP: f64 = 1e-9;
@@ -26,14 +30,13 @@ pub(super) struct Fitted {
     pub(super) pose: Isometry3<f64>,
     /// Of a small motion: turn about the moved middle in units of the radius, then shift, mm⁻².
     pub(super) information: Matrix6<f64>,
-    /// Scatter of the normal equations' gradient, mm⁻², errors that neighbours share among it.
-    scatter: Matrix6<f64>,
-    /// As the information, of products of the two surfaces' normals.
-    products: Matrix6<f64>,
     /// What residuals scatter by beyond what points and mesh tell of, mm.
     pub(super) floor: f64,
     pub(super) rms: f64,
     pub(super) rounds: usize,
+    /// What the points belonged to.
+    pub(super) known: Vec<Known>,
+    matches: Vec<Match>,
 }
 
 /// How far a search goes.
@@ -57,18 +60,19 @@ pub(super) fn refine(
     let mut fitted = Fitted {
         pose: start,
         information: Matrix6::zeros(),
-        scatter: Matrix6::zeros(),
-        products: Matrix6::zeros(),
         floor: 0.0,
         rms: f64::INFINITY,
         rounds: 0,
+        known: vec![Known::default(); points.len()],
+        matches: Vec::new(),
     };
-    let mut reach = bounds.reach;
-    let mut matches = Vec::new();
-    let mut known = vec![Known::default(); points.len()];
+    let (mut reach, mut left_before) = (bounds.reach, 0.0);
+    let keep = without(frozen);
     for round in 1..=bounds.rounds {
-        matches = target.matches(points, &fitted.pose, reach, &mut known);
-        matches.retain(|m| m.facing > SAME_FACE);
+        let mut matches = std::mem::take(&mut fitted.matches);
+        matches.clear();
+        let found = target.matches(points, &fitted.pose, reach, &mut fitted.known);
+        matches.extend(found.filter(|m| m.facing > SAME_FACE));
         fitted.rounds = round;
         if matches.len() < 6 {
             fitted.rms = f64::INFINITY;
@@ -79,10 +83,8 @@ pub(super) fn refine(
         let floor2 = (scatter * scatter - told).max(0.0).max((ROUNDING * radius).powi(2));
         fitted.floor = floor2.sqrt();
         let gradient = fitted.weigh(&matches, floor2, radius);
-        let (mut step, left) = damped_step(&fitted.information, &gradient);
-        for way in frozen {
-            step -= way * way.dot(&step);
-        }
+        let (step, left) = damped_step(&(keep * fitted.information * keep), &(keep * gradient));
+        let mut step = step / bent(&matches, floor2).max(LEAST_BENT);
         let longest = LONGEST_STEP * radius;
         if step.norm() > longest {
             step *= longest / step.norm();
@@ -90,15 +92,18 @@ pub(super) fn refine(
         fitted.pose = moved(&fitted.pose, &target.middle, radius, &step);
         // What is farther off than anything that has a say is looked for no more.
         let noise = (told + floor2).sqrt();
-        let next = (3.0 * TUKEY * noise).min(reach);
-        let rests = step.norm() < SETTLED * noise + NO_STEP * radius || left < NOTHING_LEFT;
+        let next = (FARTHEST * noise).min(reach);
+        // The step leaves as little of it as the one before left.
+        let shrunk = if round > 1 { (left / left_before).min(1.0) } else { 1.0 };
+        let rests = step.norm() < SETTLED * noise + NO_STEP * radius || left * shrunk < NOTHING_LEFT;
+        left_before = left;
         let settled = rests && next > 0.9 * reach;
         reach = next.max(0.5 * reach);
+        fitted.matches = matches;
         if settled {
             break;
         }
     }
-    (fitted.scatter, fitted.products) = certainty(&matches, fitted.floor * fitted.floor, radius);
     fitted
 }
 
@@ -120,34 +125,31 @@ impl Fitted {
     }
 
     /// Returns the covariance of a small motion in the units of [`Fitted::information`]; along `unknown` motions, and others that
-    /// nothing is known of, that of a motion by `anything`.
-    pub(super) fn covariance(&self, unknown: &[Vector6<f64>], anything: f64) -> Matrix6<f64> {
+    /// nothing is known of, that of a motion by the radius. What was near in the order of the points has to be near in space.
+    pub(super) fn covariance(&self, unknown: &[Vector6<f64>], radius: f64) -> Matrix6<f64> {
+        let (scatter, products) = certainty(&self.matches, self.floor * self.floor, radius);
         let dynamic = |matrix: &Matrix6<f64>| DMatrix::from_column_slice(6, 6, matrix.as_slice());
-        let inverse = form_inverse(&dynamic(&self.information), &dynamic(&self.products));
+        let inverse = form_inverse(&dynamic(&self.information), &dynamic(&products));
         let inverse = Matrix6::from_column_slice(inverse.as_slice());
-        let mut keep = Matrix6::identity();
-        for way in unknown {
-            keep -= way * way.transpose();
-        }
-        let known = keep * inverse * self.scatter * inverse * keep;
-        known + (Matrix6::identity() - keep) * (anything * anything)
+        let keep = without(unknown);
+        let known = keep * inverse * scatter * inverse * keep;
+        known + (Matrix6::identity() - keep) * (radius * radius)
     }
 }
 
-/// Returns the scatter of the gradient of some matches, from that of patches of them, and the information of their normals' products.
+/// Returns the scatter of the gradient of some matches, from that of patches of them, and the information of their normals' products. What is near in their order
+/// is near in space.
 fn certainty(matches: &[Match], floor2: f64, radius: f64) -> (Matrix6<f64>, Matrix6<f64>) {
     let weighed: Vec<(&Match, f64)> = matches.iter().filter_map(|m| Some((m, m.weight(floor2)?))).collect();
-    let places: Vec<Vector3<f64>> = weighed.iter().map(|(m, _)| m.arm).collect();
-    // Moved points are finite, and fewer than fit into a tree.
-    let patches = patches(&places).unwrap_or_default();
+    let patches = weighed.chunks(patch_size(weighed.len()));
+    let unbiased = followed(patches.len(), 6) / bent(matches, floor2).powi(2);
     let mut scatter = Matrix6::zeros();
-    for patch in &patches {
-        let pulls = patch.iter().map(|&at| weighed[at]).map(|(m, w)| m.row(radius) * (w * m.residual));
-        let sum: Vector6<f64> = pulls.sum();
+    for patch in patches {
+        let sum: Vector6<f64> = patch.iter().map(|(m, w)| m.row(radius) * (w * m.residual)).sum();
         scatter += sum * sum.transpose();
     }
     let products = weighed.iter().map(|(m, weight)| m.product(radius) * *weight).sum();
-    (scatter * (followed(patches.len(), 6) / bent(matches, floor2).powi(2)), products)
+    (scatter * unbiased, products)
 }
 
 /// Returns a pose followed by a small motion: a turn about the moved middle in units of the radius, and a shift.
@@ -161,6 +163,11 @@ pub(super) fn moved(
     let shift = Vector3::new(motion[3], motion[4], motion[5]);
     let middle = (pose * Point3::from(*middle)).coords;
     Translation3::from(middle + shift) * UnitQuaternion::new(turn) * Translation3::from(-middle) * pose
+}
+
+/// Returns what leaves nothing of orthonormal motions in one, and the rest of it as it is.
+fn without(motions: &[Vector6<f64>]) -> Matrix6<f64> {
+    motions.iter().fold(Matrix6::identity(), |keep, way| keep - way * way.transpose())
 }
 
 /// Returns a step, and what one without damping would win.

@@ -3,6 +3,7 @@
 use super::refine::{Bounds, Fitted, moved, refine};
 use super::sample::{Sample, Samples, TUKEY, Target};
 use super::starts::{SAME_POSE, apart};
+use super::sweep::Known;
 use nalgebra::{Isometry3, Point3, Vector3, Vector6};
 
 /// Patches of a cloud whose deviations have to do with each other no more: what two poses differ by is tested with no more of them,
@@ -41,7 +42,12 @@ impl<'a, 'm> Judge<'a, 'm> {
     }
 
     pub(super) fn costs(&self, pose: &Isometry3<f64>) -> Vec<f64> {
-        let mut costs = self.target.costs(self.points.iter().copied(), pose, self.floor);
+        self.costs_of(pose, &mut vec![Known::default(); self.points.len()])
+    }
+
+    /// As [`Judge::costs`]; `known` is of the judge's points, from before.
+    fn costs_of(&self, pose: &Isometry3<f64>, known: &mut [Known]) -> Vec<f64> {
+        let mut costs = self.target.costs(&self.points, pose, self.floor, known);
         if let Some(clear_mm) = self.clear_mm {
             let sensor = pose.translation.vector;
             for (cost, sample) in costs.iter_mut().zip(&self.points) {
@@ -76,7 +82,7 @@ pub(super) fn undetermined(samples: &Samples, judge: &Judge<'_, '_>, fitted: &Fi
     let best = judge.costs(&fitted.pose);
     let eigen = fitted.information.symmetric_eigen();
     let most = eigen.eigenvalues.max();
-    let covariance = fitted.covariance(&[], 0.0);
+    let covariance = fitted.covariance(&[], samples.radius);
     let free = |at: &usize| {
         let way: Vector6<f64> = eigen.eigenvectors.column(*at).into_owned();
         let value = eigen.eigenvalues[*at];
@@ -95,8 +101,8 @@ pub(super) fn undetermined(samples: &Samples, judge: &Judge<'_, '_>, fitted: &Fi
             // Held there: the facets of a mesh hold a smooth surface, too, but it costs next to nothing to pass over them.
             let from = moved(&fitted.pose, &samples.middle, samples.radius, &(way * (side * by)));
             let bounds = Bounds { reach: by + 3.0 * TUKEY * judge.floor, rounds: 12 };
-            let end = refine(judge.target, &judge.points, samples.radius, from, bounds, &[way]);
-            Judge::as_good(&judge.costs(&end.pose), &best)
+            let mut end = refine(judge.target, &judge.points, samples.radius, from, bounds, &[way]);
+            Judge::as_good(&judge.costs_of(&end.pose, &mut end.known), &best)
         };
         DISPLACED.iter().all(|&size| as_good(size, 1.0) || as_good(size, -1.0))
     };

@@ -1,14 +1,15 @@
 //! The points that a pose is estimated from, and what each lies off the mesh.
 
+use super::pose::Pose;
 use super::sweep::{Known, SweepSurface};
 use crate::cloud::{PointCloud, unpacked};
 use crate::error::RegisterError;
 use crate::mesh::TriangleMesh;
 use crate::nearest::{Nearest, NearestOnMesh};
 use crate::neighbours::Neighbours;
-use crate::normals::{LocalPlane, NORMAL_NEIGHBOURS, local_plane, local_planes};
+use crate::normals::{NORMAL_NEIGHBOURS, local_plane, local_planes, shared_planes};
 use crate::robust::ranked;
-use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, Vector3, Vector6};
+use nalgebra::{Isometry3, Matrix3, Matrix6, Vector3, Vector6};
 
 /// Tukey's constant: 95 % of a mean's efficiency with Gaussian noise, nothing from beyond it.
 pub(super) const TUKEY: f64 = 4.685;
@@ -61,6 +62,8 @@ pub(super) struct Sample {
 /// Points of a cloud, their middle and size.
 pub(crate) struct Samples {
     pub(super) points: Vec<Sample>,
+    /// The points by their index, what is near in space near in it.
+    pub(super) order: Vec<usize>,
     pub(super) middle: Vector3<f64>,
     /// Root mean square distance from the middle, mm.
     pub(super) radius: f64,
@@ -69,40 +72,45 @@ pub(crate) struct Samples {
 }
 
 impl Samples {
-    /// Takes points evenly from a cloud.
+    /// Takes points evenly from a cloud, each with the normal that its own neighbours tell.
     pub(super) fn new(cloud: &PointCloud) -> Result<Self, RegisterError> {
-        cloud.check_finite()?;
-        if cloud.len() < 6 {
-            return Err(RegisterError::TooFewPoints { got: cloud.len() });
-        }
+        let neighbours = tree(cloud)?;
         let positions = cloud.positions_mm();
-        let neighbours = Neighbours::new(positions)?;
         // Only of what one sweep saw is it known which side the sensor was on.
         let signed = cloud.pixels().is_some();
         if cloud.len() <= MOST_POINTS {
             let planes = local_planes(&neighbours, NORMAL_NEIGHBOURS, &[0.0; 3]);
-            return Self::with_planes(cloud, |i| planes[i], signed);
+            return Self::with_normals(cloud, &neighbours, |i| planes[i].map(|plane| plane.normal), signed);
         }
-        let plane =
-            |i: usize| local_plane(positions, &neighbours, &positions[i], NORMAL_NEIGHBOURS, &[0.0; 3]);
-        Self::with_planes(cloud, plane, signed)
+        let normal = |i: usize| {
+            local_plane(positions, &neighbours, &positions[i], NORMAL_NEIGHBOURS, &[0.0; 3])
+                .map(|plane| plane.normal)
+        };
+        Self::with_normals(cloud, &neighbours, normal, signed)
     }
 
-    /// Takes points evenly from a sweep, which was seen from its frame's origin, pixels or not.
+    /// Takes points evenly from a sweep, which was seen from its frame's origin, pixels or not; the few about one place with one normal.
+    ///
+    /// That tells which face a point is of, and how much of a form there is; where on the other surface it lies, that surface's own form tells.
+    pub(super) fn of_cloud(cloud: &PointCloud) -> Result<Self, RegisterError> {
+        let neighbours = tree(cloud)?;
+        let planes = shared_planes(&neighbours, NORMAL_NEIGHBOURS, &[0.0; 3]);
+        Self::with_normals(cloud, &neighbours, |i| planes[i].map(|plane| plane.normal), true)
+    }
+
+    /// Takes points evenly from a sweep that has a surface.
     pub(crate) fn of_sweep(sweep: &SweepSurface<'_>) -> Result<Self, RegisterError> {
-        Self::with_planes(sweep.cloud, |i| sweep.planes[i], true)
+        let normal = |i: usize| sweep.forms[i].as_ref().map(|form| form.normal);
+        Self::with_normals(sweep.cloud, &sweep.points, normal, true)
     }
 
-    fn with_planes(
+    fn with_normals(
         cloud: &PointCloud,
-        plane: impl Fn(usize) -> Option<LocalPlane>,
+        neighbours: &Neighbours,
+        normal: impl Fn(usize) -> Option<Vector3<f64>>,
         signed: bool,
     ) -> Result<Self, RegisterError> {
-        let sample = |i: usize| Sample {
-            place: cloud.vector(i),
-            normal: plane(i).map(|plane| plane.normal),
-            own: Own::of(cloud, i),
-        };
+        let sample = |i: usize| Sample { place: cloud.vector(i), normal: normal(i), own: Own::of(cloud, i) };
         let step = cloud.len().div_ceil(MOST_POINTS).max(1);
         let points: Vec<Sample> = (0..cloud.len()).step_by(step).map(sample).collect();
         if points.len() < 6 {
@@ -120,13 +128,28 @@ impl Samples {
         if radius <= 1e-12 * middle.norm() {
             return Err(RegisterError::OnePlace);
         }
-        Ok(Self { points, middle, radius, signed })
+        let taken = neighbours.in_order().filter(|i| i % step == 0).map(|i| i / step);
+        Ok(Self { order: taken.collect(), points, middle, radius, signed })
+    }
+
+    /// Returns all of the points; what is near in space is near in their order.
+    pub(super) fn all(&self) -> Vec<&Sample> {
+        self.order.iter().map(|&at| &self.points[at]).collect()
     }
 
     /// Returns up to so many of the points, evenly taken.
     pub(super) fn few(&self, most: usize) -> Vec<&Sample> {
         self.points.iter().step_by(self.points.len().div_ceil(most)).collect()
     }
+}
+
+/// Returns the tree over a cloud's points, of which there have to be six, with finite values.
+fn tree(cloud: &PointCloud) -> Result<Neighbours, RegisterError> {
+    cloud.check_finite()?;
+    if cloud.len() < 6 {
+        return Err(RegisterError::TooFewPoints { got: cloud.len() });
+    }
+    Ok(Neighbours::new(cloud.positions_mm())?)
 }
 
 /// A point and the place of the mesh that it belongs to.
@@ -203,55 +226,52 @@ impl<'a, 'm> Target<'a, 'm> {
         self.faces().mesh()
     }
 
-    /// Returns what a point moved by a pose belongs to; `None` beyond the reach and where the nearest point lies on a border.
-    pub(super) fn matched(&self, sample: &Sample, pose: &Isometry3<f64>, reach: f64) -> Option<Match> {
-        self.matched_again(sample, pose, reach, &mut Known::default())
-    }
-
-    fn matched_again(
+    /// Returns what a point moved by a pose belongs to; `None` beyond the reach and where the nearest point lies on a border. `known` is of the same point, from
+    /// before.
+    pub(super) fn matched(
         &self,
         sample: &Sample,
-        pose: &Isometry3<f64>,
+        pose: &Pose,
         reach: f64,
         known: &mut Known,
     ) -> Option<Match> {
         let found = match self.onto {
             Onto::Mesh(mesh) => self.matched_on(mesh, sample, pose, reach)?,
-            Onto::Sweep(sweep) => sweep.matched(sample, pose, &self.middle, reach, known)?,
+            Onto::Sweep(sweep) => sweep.matched(sample, pose, reach, known)?,
         };
         Some(Match { facing: if self.signed { found.facing } else { found.facing.abs() }, ..found })
     }
 
-    /// Returns what those of some points belong to that have something within the reach, in their order; `known` is of the same points, from before.
-    pub(super) fn matches(
-        &self,
-        points: &[&Sample],
+    /// Returns what those of some points belong to that have something within the reach, in their order; `known` is of the same points.
+    pub(super) fn matches<'s>(
+        &'s self,
+        points: &'s [&Sample],
         pose: &Isometry3<f64>,
         reach: f64,
-        known: &mut [Known],
-    ) -> Vec<Match> {
+        known: &'s mut [Known],
+    ) -> impl Iterator<Item = Match> + 's {
+        let pose = Pose::of(pose, &self.middle);
         let all = points.iter().zip(known);
-        all.filter_map(|(point, known)| self.matched_again(point, pose, reach, known)).collect()
+        all.filter_map(move |(point, known)| self.matched(point, &pose, reach, known))
     }
 
     fn matched_on(
         &self,
         mesh: &NearestOnMesh<'_>,
         sample: &Sample,
-        pose: &Isometry3<f64>,
+        pose: &Pose,
         reach: f64,
     ) -> Option<Match> {
-        let moved = (pose * Point3::from(sample.place)).coords;
+        let moved = pose.place(&sample.place);
         let near = mesh.nearest_within(&moved.into(), reach).filter(|near| !near.on_border)?;
         let (normal, mesh_variance) = self.surface(&near);
-        let back = pose.rotation.inverse_transform_vector(&normal);
         Some(Match {
-            arm: moved - (pose * Point3::from(self.middle)).coords,
+            arm: moved - pose.middle,
             normal,
             normals: [normal; 2],
             residual: normal.dot(&(moved - Vector3::from(near.point_mm))),
-            told: sample.own.along(&back) + mesh_variance,
-            facing: sample.normal.map_or(1.0, |n| (pose.rotation * n).dot(&normal)),
+            told: sample.own.along(&pose.back(&normal)) + mesh_variance,
+            facing: sample.normal.map_or(1.0, |own| pose.direction(&own).dot(&normal)),
         })
     }
 
@@ -270,27 +290,31 @@ impl<'a, 'm> Target<'a, 'm> {
         (smooth.unwrap_or(own), variance)
     }
 
-    /// Returns what each point costs under a pose: from 0 on the mesh to 1 off it, beyond its border, or where the normals
-    /// disagree. `floor` is the scatter beyond what is told of the points, mm, the same for poses that are to be compared.
-    pub(super) fn costs<'s>(
+    /// Returns what each point costs under a pose, as [`Target::cost`].
+    pub(super) fn costs(
         &self,
-        points: impl IntoIterator<Item = &'s Sample>,
+        points: &[&Sample],
         pose: &Isometry3<f64>,
         floor: f64,
+        known: &mut [Known],
     ) -> Vec<f64> {
+        let pose = Pose::of(pose, &self.middle);
+        points.iter().zip(known).map(|(point, known)| self.cost(point, &pose, floor, known)).collect()
+    }
+
+    /// Returns what a point costs under a pose: from 0 on the mesh to 1 off it, beyond its border, or where the normals
+    /// disagree. `floor` is the scatter beyond what is told of the points, mm, the same for poses that are to be compared.
+    pub(super) fn cost(&self, sample: &Sample, pose: &Pose, floor: f64, known: &mut Known) -> f64 {
         /// Normals of a point and of its place on the mesh differ by less than 45°.
         const ALIKE: f64 = 0.7;
-        let cost = |sample: &Sample| {
-            // The other surface's own part is not known yet: as much again.
-            let reach = TUKEY * (2.0 * sample.own.most() + floor * floor).sqrt();
-            match self.matched(sample, pose, reach) {
-                Some(m) if m.facing > ALIKE => {
-                    let share = m.residual.powi(2) / (TUKEY * TUKEY * (m.told + floor * floor));
-                    1.0 - (1.0 - share.min(1.0)).powi(3)
-                }
-                _ => 1.0,
+        // The other surface's own part is not known yet: as much again.
+        let reach = TUKEY * (2.0 * sample.own.most() + floor * floor).sqrt();
+        match self.matched(sample, pose, reach, known) {
+            Some(m) if m.facing > ALIKE => {
+                let share = m.residual.powi(2) / (TUKEY * TUKEY * (m.told + floor * floor));
+                1.0 - (1.0 - share.min(1.0)).powi(3)
             }
-        };
-        points.into_iter().map(cost).collect()
+            _ => 1.0,
+        }
     }
 }

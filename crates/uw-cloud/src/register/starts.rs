@@ -5,6 +5,7 @@
 //! of it needs the cloud to show all of the mesh, or the reverse.
 
 use super::sample::{Sample, Samples, Target};
+use super::sweep::Known;
 use crate::mesh::TriangleMesh;
 use crate::robust::Random;
 use std::ops::Range;
@@ -246,7 +247,8 @@ impl<'a> Trial<'a> {
         /// A pose is given up where its first points cost more than the bar by this, two sigmas of their mean.
         const SLACK: f64 = 0.2;
         let cost = |pose: &Isometry3<f64>, points: &[&Sample]| {
-            let costs = self.target.costs(points.iter().copied(), pose, ROUGH * self.samples.radius);
+            let known = &mut vec![Known::default(); points.len()];
+            let costs = self.target.costs(points, pose, ROUGH * self.samples.radius, known);
             costs.iter().sum::<f64>() / costs.len() as f64
         };
         let tried = |pose: &Isometry3<f64>| {

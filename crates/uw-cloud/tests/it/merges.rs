@@ -1,9 +1,12 @@
 //! Sweeps of one scene brought together.
 
 use crate::scene::{gauss, random};
-use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Isometry3, Matrix6, Point3, UnitQuaternion, Vector3, Vector6};
 use rand::rngs::StdRng;
-use uw_cloud::{Frame, MergeError, MergeOptions, PointCloud, merge};
+use uw_cloud::{
+    Frame, MergeError, MergeOptions, PointCloud, Start, SurfaceOptions, SweepSurface, merge, register_sweep,
+    triangulate,
+};
 
 /// Noise of the points along z, mm.
 const SIGMA_MM: f64 = 0.03;
@@ -77,36 +80,69 @@ fn three_sweeps_in_a_row_come_together_with_their_covariances() {
     );
 }
 
-/// What poses scatter by over what is told of them: chi² by its degrees of freedom, of 40 merged pairs whose points tell their covariances or not.
+/// Ratio of scatter to sigma that a prediction is good for. Of 240 degrees of freedom it scatters by 0.05.
+const GOOD: std::ops::Range<f64> = 0.8..1.25;
+const TRIALS: usize = 40;
+
+/// Two overlapping sweeps, the second one moved by a pose, that tell their covariances or not.
+fn pair(away: &Isometry3<f64>, told: bool, random: &mut StdRng) -> [PointCloud; 2] {
+    [(-32..28, &Isometry3::identity()), (-28..32, away)].map(|(x, pose)| {
+        let cloud = sweep(x, pose, random);
+        if told { cloud } else { PointCloud::new(Frame::Camera, cloud.positions_mm().to_vec()) }
+    })
+}
+
+/// How far a pose brings a place off, turn and shift, in the squares of its covariance; and the shift alone, mm.
+fn off(left: &Isometry3<f64>, place: &Vector3<f64>, covariance: &Matrix6<f64>) -> (f64, f64) {
+    let (turn, shift) = (left.rotation.scaled_axis(), (left * Point3::from(*place)).coords - place);
+    let error = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
+    (error.dot(&(covariance.try_inverse().expect("a covariance") * error)), shift.norm())
+}
+
+/// What poses scatter by over what is told of them: chi² by its degrees of freedom, of merged pairs whose points tell their covariances or not.
 #[test]
 fn poses_scatter_by_what_is_told_of_them() {
-    const TRIALS: usize = 40;
-    /// Ratio of scatter to sigma that a prediction is good for. Of 240 degrees of freedom it scatters by 0.05.
-    const GOOD: std::ops::Range<f64> = 0.8..1.25;
     let mut random = random(33);
     let away = pose([0.02, -0.01, 0.05], [2.3, -1.1, 0.8]);
     let near = MergeOptions { near_mm: Some(6.0), ..MergeOptions::default() };
     for told in [true, false] {
         let (mut chi2, mut worst) = (0.0, 0.0_f64);
         for _ in 0..TRIALS {
-            let clouds = [(-32..28, &Isometry3::identity()), (-28..32, &away)].map(|(x, pose)| {
-                let cloud = sweep(x, pose, &mut random);
-                if told { cloud } else { PointCloud::new(Frame::Camera, cloud.positions_mm().to_vec()) }
-            });
-            let merged = merge(&clouds, &near).unwrap();
+            let merged = merge(&pair(&away, told, &mut random), &near).unwrap();
             let positions = merged.cloud.positions_mm();
             let middle =
                 positions.iter().map(|p| Vector3::from(*p)).sum::<Vector3<f64>>() / positions.len() as f64;
-            let left = merged.poses[1] * away;
-            let (turn, shift) = (left.rotation.scaled_axis(), (left * Point3::from(middle)).coords - middle);
-            let error = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
-            chi2 += error.dot(&(merged.covariances[1].try_inverse().unwrap() * error));
-            worst = worst.max(shift.norm());
+            let (square, shift) = off(&(merged.poses[1] * away), &middle, &merged.covariances[1]);
+            (chi2, worst) = (chi2 + square, worst.max(shift));
         }
         let ratio = (chi2 / (6 * TRIALS) as f64).sqrt();
         assert!(GOOD.contains(&ratio), "told {told}: scatter over sigma {ratio}");
         // Five thousand pairs of points of 0.04 mm on slopes of about 0.3 determine a shift to some 3 µm.
         assert!(worst < 0.02, "told {told}: {worst} mm");
+    }
+}
+
+/// As of merged pairs, of a sweep that is laid onto another one and has no surface of its own.
+#[test]
+fn a_sweep_without_a_surface_scatters_by_what_is_told_of_it() {
+    let mut random = random(34);
+    let away = pose([0.02, -0.01, 0.05], [2.3, -1.1, 0.8]);
+    for told in [true, false] {
+        let (mut chi2, mut worst) = (0.0, 0.0_f64);
+        for _ in 0..TRIALS {
+            let [cloud, other] = pair(&away, told, &mut random);
+            let surface = triangulate(&cloud, &SurfaceOptions::default()).unwrap();
+            let target = SweepSurface::new(&cloud, &surface).unwrap().expect("an area");
+            let start = Start::Near(Isometry3::identity(), 6.0);
+            let found = register_sweep(&other, &target, start, 0.2).unwrap();
+            let middle = found.mesh_from_cloud * Point3::from(found.middle_mm);
+            let (square, shift) = off(&(found.mesh_from_cloud * away), &middle.coords, &found.covariance);
+            (chi2, worst) = (chi2 + square, worst.max(shift));
+        }
+        let ratio = (chi2 / (6 * TRIALS) as f64).sqrt();
+        assert!(GOOD.contains(&ratio), "told {told}: scatter over sigma {ratio}");
+        // As many pairs, but a turn and a shift of one sweep's middle: ten times 3 µm.
+        assert!(worst < 0.03, "told {told}: {worst} mm");
     }
 }
 
