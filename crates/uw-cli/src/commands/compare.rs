@@ -365,11 +365,14 @@ fn histogram(histogram: &Histogram) -> String {
         sums[at * lines / bins] += count;
     }
     let most = sums.iter().copied().max().unwrap_or(0).max(1);
+    // Whether four decimals tell one line from the next.
+    let told = histogram.width_mm * bins as f64 / lines as f64 >= 1e-4;
     let mut text = String::new();
     for (line, sum) in sums.iter().enumerate() {
         let first = (line * bins).div_ceil(lines);
         let from = histogram.from_mm + first as f64 * histogram.width_mm;
-        text += &format!("  {from:>+9.4} mm {sum:>8} {}\n", "#".repeat(sum * WIDEST / most));
+        let from = if told { format!("{from:>+9.4}") } else { format!("{from:>+9.1e}") };
+        text += &format!("  {from} mm {sum:>8} {}\n", "#".repeat(sum * WIDEST / most));
     }
     text
 }
