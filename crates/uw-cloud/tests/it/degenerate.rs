@@ -144,7 +144,11 @@ fn what_is_round_before_a_plate_is_refused_as_undetermined() {
     let mut place = |i: usize| {
         let [x, y] = [0; 2].map(|_| uniform(&mut random, -80.0, 80.0));
         let (from_ball, noise) = (x.hypot(y), 0.06 * gauss(&mut random));
-        let ball = if from_ball < 25.0 && i % 2 == 0 { (625.0 - from_ball * from_ball).sqrt() } else { 0.0 };
+        let ball = if from_ball < 25.0 && i.is_multiple_of(2) {
+            (625.0 - from_ball * from_ball).sqrt()
+        } else {
+            0.0
+        };
         [x, y, 900.0 + 0.1 * x - ball + noise]
     };
     let cloud = camera((0..4000).map(&mut place).collect());
