@@ -8,7 +8,7 @@ use crate::fit::{Fitted, Foot, Surface, fit, refine};
 use crate::neighbours::Neighbours;
 use crate::normals::{NORMAL_NEIGHBOURS, local_plane};
 use crate::plane::square_to;
-use crate::round::{Apex, nearest_on_round};
+use crate::round::{Apex, nearest_on_round, principal};
 use crate::sample::{Observation, Sample};
 use nalgebra::{DMatrix, Matrix2, Matrix3, SMatrix, SVector, Unit, Vector2, Vector3};
 
@@ -242,16 +242,12 @@ impl Tube {
         let (a, b) = (observation.axes.tr_mul(&first), observation.axes.tr_mul(&second));
         let weighted = |v: &Vector3<f64>| v.component_mul(&variances);
         let (aa, ab, bb) = (a.dot(&weighted(&a)), a.dot(&weighted(&b)), b.dot(&weighted(&b)));
-        // Principal axes of the 2 × 2 matrix.
-        let turn = 0.5 * (2.0 * ab).atan2(aa - bb);
-        let (s, c) = turn.sin_cos();
+        let ([c, s], [most, least]) = principal(aa, ab, bb);
         let axes = Matrix2::new(c, -s, s, c);
-        let spread = (0.5 * (aa - bb)).hypot(ab);
-        let mean = 0.5 * (aa + bb);
-        let least = (mean - spread).max(floor_mm * floor_mm);
+        let least = least.max(floor_mm * floor_mm);
         let flat = Vector2::new(first.dot(&arm), second.dot(&arm));
         let (residual_mm, variance_mm2, n) =
-            nearest_on_round(axes.tr_mul(&flat), &Vector2::new(mean + spread, least), self.radius);
+            nearest_on_round(axes.tr_mul(&flat), &Vector2::new(most, least), self.radius);
         let n = axes * n;
         let normal = first * n.x + second * n.y;
         let along = observation.axes * weighted(&observation.axes.tr_mul(&normal));

@@ -62,6 +62,21 @@ pub(crate) fn nearest_on_round<const N: usize>(
     (nu / largest * radius * variance, variance, normal)
 }
 
+/// Returns the principal axes of the symmetric matrix (aa, ab; ab, bb): cosine and sine of the angle that the axis of the larger value is turned by, the larger and the smaller value.
+pub(crate) fn principal(aa: f64, ab: f64, bb: f64) -> ([f64; 2], [f64; 2]) {
+    let (mean, half) = (0.5 * (aa + bb), 0.5 * (aa - bb));
+    let spread = (half * half + ab * ab).sqrt();
+    let values = [mean + spread, mean - spread];
+    if spread <= 0.0 {
+        return ([1.0, 0.0], values);
+    }
+    // Half of an angle of which cosine and sine are known; the larger of its own two comes first, as nothing cancels in it.
+    let larger = (0.5 * (1.0 + half.abs() / spread)).sqrt();
+    let smaller = 0.5 * ab.abs() / (spread * larger);
+    let [c, s] = if half >= 0.0 { [larger, smaller] } else { [smaller, larger] };
+    ([c, s.copysign(ab)], values)
+}
+
 /// Least square of the slope that a step leaves, one before it: what bends it more is damped.
 const LEAST_SLOPE2: f64 = 0.25;
 
@@ -143,6 +158,18 @@ mod tests {
             assert!((slope(tilt, 0.0, 0.0) - tilt.dot(&apex.arm(&normal))).abs() < DIFFERENCE, "{center}");
             assert!((slope(Vector3::zeros(), 1.0, 0.0) - rise).abs() < DIFFERENCE, "{center}");
             assert!((slope(Vector3::zeros(), 0.0, 1.0) - bend).abs() < DIFFERENCE, "{center}");
+        }
+    }
+
+    #[test]
+    fn principal_axes_make_the_matrix_again() {
+        for (aa, ab, bb) in
+            [(2.0, 0.3, 1.0), (1.0, -0.3, 2.0), (1.0, 1.0, 1.0), (3.0, 0.0, 3.0), (0.0, 1e-9, 4.0)]
+        {
+            let ([c, s], [most, least]) = principal(aa, ab, bb);
+            let made = (most * c * c + least * s * s, (most - least) * c * s, most * s * s + least * c * c);
+            let off = (made.0 - aa).abs().max((made.1 - ab).abs()).max((made.2 - bb).abs());
+            assert!(off < 4.0 * f64::EPSILON * most && most >= least, "{aa} {ab} {bb}: {made:?}");
         }
     }
 
