@@ -238,6 +238,15 @@ impl Tube {
     fn foot(&self, observation: &Observation, floor_mm: f64) -> Foot<5> {
         let [first, second] = square_to(&self.axis);
         let arm = observation.point - self.anchor;
+        if observation.is_bare() {
+            // In the metric of space nothing has to be turned.
+            let flat = Vector2::new(first.dot(&arm), second.dot(&arm));
+            let alike = Vector2::repeat(floor_mm * floor_mm);
+            let (residual_mm, variance_mm2, n) = nearest_on_round(flat, &alike, self.radius);
+            let height = self.axis.dot(&arm);
+            let gradient = SVector::<f64, 5>::new(-n.x, -n.y, -n.x * height, -n.y * height, -1.0);
+            return Foot { residual_mm, variance_mm2, normal: first * n.x + second * n.y, gradient };
+        }
         let variances = observation.variances.add_scalar(floor_mm * floor_mm);
         let (a, b) = (observation.axes.tr_mul(&first), observation.axes.tr_mul(&second));
         let weighted = |v: &Vector3<f64>| v.component_mul(&variances);
