@@ -5,12 +5,19 @@ mod scan;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
 use uwscan::cloud::{
-    self, NORMAL_NEIGHBOURS, Neighbours, ShapeOptions, SphereOptions, SurfaceOptions, find_shapes,
-    fit_sphere, normals, triangulate,
+    self, NORMAL_NEIGHBOURS, Neighbours, PointCloud, ShapeOptions, SphereOptions, SurfaceOptions,
+    find_shapes, fit_sphere, normals, triangulate,
 };
 
 /// The paper's cover has as many.
 const POINTS: usize = 36_000;
+
+/// Returns what lies about the largest of the balls: three fifths of it are the ball's.
+fn about_a_ball(cloud: &PointCloud) -> PointCloud {
+    let near = |p: &[f64; 3]| (p[0] - 60.0).hypot(p[1] + 50.0) < 34.0;
+    let chosen: Vec<usize> = (0..cloud.len()).filter(|&i| near(&cloud.positions_mm()[i])).collect();
+    cloud.selected(&chosen)
+}
 
 fn clouds(c: &mut Criterion) {
     let cloud = scan::sweep(POINTS);
@@ -26,8 +33,13 @@ fn clouds(c: &mut Criterion) {
     group.bench_function("mesh", |b| b.iter(|| triangulate(black_box(&cloud), &SurfaceOptions::default())));
     let smooth = SurfaceOptions { smooth: true, ..SurfaceOptions::default() };
     group.bench_function("mesh, smoothed", |b| b.iter(|| triangulate(black_box(&cloud), &smooth)));
-    group.bench_function("fit of a sphere among other shapes", |b| {
-        b.iter(|| fit_sphere(black_box(&cloud), &SphereOptions::default()));
+    group.bench_function("no sphere: most points lie on the plate", |b| {
+        b.iter(|| fit_sphere(black_box(&cloud), &SphereOptions::default()).expect_err("refused"));
+    });
+    let ball = about_a_ball(&cloud);
+    group.throughput(Throughput::Elements(ball.len() as u64));
+    group.bench_function("fit of a sphere, cut out with some of the plate", |b| {
+        b.iter(|| fit_sphere(black_box(&ball), &SphereOptions::default()).expect("the ball"));
     });
     group.finish();
 }

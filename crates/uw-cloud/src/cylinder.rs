@@ -8,7 +8,7 @@ use crate::fit::{Fitted, Foot, Surface, fit, refine};
 use crate::neighbours::Neighbours;
 use crate::normals::{NORMAL_NEIGHBOURS, local_plane};
 use crate::plane::square_to;
-use crate::round::nearest_on_round;
+use crate::round::{Apex, nearest_on_round, principal};
 use crate::sample::{Observation, Sample};
 use nalgebra::{DMatrix, Matrix2, Matrix3, SMatrix, SVector, Unit, Vector2, Vector3};
 
@@ -238,20 +238,25 @@ impl Tube {
     fn foot(&self, observation: &Observation, floor_mm: f64) -> Foot<5> {
         let [first, second] = square_to(&self.axis);
         let arm = observation.point - self.anchor;
+        if observation.is_bare() {
+            // In the metric of space nothing has to be turned.
+            let flat = Vector2::new(first.dot(&arm), second.dot(&arm));
+            let alike = Vector2::repeat(floor_mm * floor_mm);
+            let (residual_mm, variance_mm2, n) = nearest_on_round(flat, &alike, self.radius);
+            let height = self.axis.dot(&arm);
+            let gradient = SVector::<f64, 5>::new(-n.x, -n.y, -n.x * height, -n.y * height, -1.0);
+            return Foot { residual_mm, variance_mm2, normal: first * n.x + second * n.y, gradient };
+        }
         let variances = observation.variances.add_scalar(floor_mm * floor_mm);
         let (a, b) = (observation.axes.tr_mul(&first), observation.axes.tr_mul(&second));
         let weighted = |v: &Vector3<f64>| v.component_mul(&variances);
         let (aa, ab, bb) = (a.dot(&weighted(&a)), a.dot(&weighted(&b)), b.dot(&weighted(&b)));
-        // Principal axes of the 2 × 2 matrix.
-        let turn = 0.5 * (2.0 * ab).atan2(aa - bb);
-        let (s, c) = turn.sin_cos();
+        let ([c, s], [most, least]) = principal(aa, ab, bb);
         let axes = Matrix2::new(c, -s, s, c);
-        let spread = (0.5 * (aa - bb)).hypot(ab);
-        let mean = 0.5 * (aa + bb);
-        let least = (mean - spread).max(floor_mm * floor_mm);
+        let least = least.max(floor_mm * floor_mm);
         let flat = Vector2::new(first.dot(&arm), second.dot(&arm));
         let (residual_mm, variance_mm2, n) =
-            nearest_on_round(axes.tr_mul(&flat), &Vector2::new(mean + spread, least), self.radius);
+            nearest_on_round(axes.tr_mul(&flat), &Vector2::new(most, least), self.radius);
         let n = axes * n;
         let normal = first * n.x + second * n.y;
         let along = observation.axes * weighted(&observation.axes.tr_mul(&normal));
@@ -281,15 +286,21 @@ impl Tube {
         around * around.transpose() / self.radius
     }
 
-    fn moved(&self, step: &SVector<f64, 5>) -> Self {
+    /// Returns the circle that it is across its axis, in the two directions square to that.
+    fn apex(&self) -> Apex<2> {
+        Apex::of(Vector2::from(square_to(&self.axis).map(|tangent| tangent.dot(&self.anchor))), self.radius)
+    }
+
+    /// Returns the cylinder with its axis shifted, and tilted about the point of it that is abreast of the sample's centre.
+    fn moved(&self, shift: &Vector2<f64>, tilt: &Vector2<f64>, radius: f64) -> Self {
         let [first, second] = square_to(&self.axis);
         Self {
-            anchor: self.anchor + first * step[0] + second * step[1],
+            anchor: self.anchor + first * shift.x + second * shift.y,
             // Never shorter than the unit vector that it was made of.
-            axis: Unit::new_normalize(self.axis.into_inner() + first * step[2] + second * step[3]),
-            // Halving at most keeps the radius positive; the damping then finds a shorter step.
-            radius: (self.radius + step[4]).max(0.5 * self.radius),
+            axis: Unit::new_normalize(self.axis.into_inner() + first * tilt.x + second * tilt.y),
+            radius,
         }
+        .centred()
     }
 }
 
@@ -312,8 +323,29 @@ impl Surface<5> for FreeTube {
         self.0.normal_change(foot)
     }
 
+    fn lever(&self) -> impl Fn(&Foot<5>) -> SVector<f64, 5> {
+        let apex = self.0.apex();
+        let (outward, aside) = (apex.outward(), aside(&apex));
+        move |foot| {
+            let normal = -foot.gradient.xy();
+            let tilted = Vector2::new(foot.gradient[2], foot.gradient[3]);
+            let [rise, bend] = apex.rise_and_bend(&normal);
+            SVector::<f64, 5>::new(
+                aside.dot(&apex.arm(&normal)),
+                rise,
+                outward.dot(&tilted),
+                aside.dot(&tilted),
+                bend,
+            )
+        }
+    }
+
     fn moved(&self, step: &SVector<f64, 5>) -> Self {
-        Self(self.0.moved(step))
+        let apex = self.0.apex();
+        let aside = aside(&apex);
+        let (center, radius) = apex.moved(&(aside * step[0]), step[1], step[4]);
+        let tilt = apex.outward() * step[2] + aside * step[3];
+        Self(self.0.moved(&(center - apex.center()), &tilt, radius))
     }
 }
 
@@ -338,8 +370,13 @@ impl Surface<4> for KnownTube {
     }
 
     fn moved(&self, step: &SVector<f64, 4>) -> Self {
-        Self(self.0.moved(&step.push(0.0)))
+        Self(self.0.moved(&step.xy(), &Vector2::new(step[2], step[3]), self.0.radius))
     }
+}
+
+/// Returns the direction of a circle at its apex.
+fn aside(apex: &Apex<2>) -> Vector2<f64> {
+    Vector2::new(-apex.outward().y, apex.outward().x)
 }
 
 /// A foot on a cylinder of known radius as one on a cylinder of any.

@@ -81,7 +81,8 @@ pub enum FitError {
     /// seem to say about its least certain parameter is as much as their noise alone would say.
     #[error(
         "the points do not determine a {shape}: {noise_share:.2} of what they say about its least certain \
-         parameter is noise (at most {allowed:.2} is accepted); measure a larger part of it"
+         parameter is noise (at most {allowed:.2} is accepted); measure a larger part of it or, where most points lie on \
+         something else, crop the cloud to the {shape} or have all shapes found (uwscan shapes, find_shapes)"
     )]
     Undetermined {
         /// The shape.

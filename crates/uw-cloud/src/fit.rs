@@ -127,7 +127,12 @@ pub(crate) trait Surface<const P: usize>: Clone {
         None
     }
 
-    /// Returns the surface with its parameters moved by a step.
+    /// Returns what gives a foot's derivatives by the steps that [`Surface::moved`] takes: those of θ, where the way to the minimum is not bent in it.
+    fn lever(&self) -> impl Fn(&Foot<P>) -> SVector<f64, P> {
+        |foot| foot.gradient
+    }
+
+    /// Returns the surface moved by a step.
     fn moved(&self, step: &SVector<f64, P>) -> Self;
 }
 
@@ -161,13 +166,15 @@ fn normal_equations<S: Surface<P>, const P: usize>(
     points: &[&Observation],
     floor_mm: f64,
 ) -> Normal<P> {
+    let lever = surface.lever();
     let mut normal = Normal::zero();
     for observation in points {
         for foot in Feet::of(surface, observation, floor_mm).each() {
-            let weighted = foot.gradient / foot.variance_mm2;
+            let lever = lever(foot);
+            let weighted = lever / foot.variance_mm2;
             normal.cost += foot.residual_mm * foot.residual_mm / foot.variance_mm2;
             normal.gradient += weighted * foot.residual_mm;
-            normal.matrix += weighted * foot.gradient.transpose();
+            normal.matrix += weighted * lever.transpose();
         }
     }
     normal

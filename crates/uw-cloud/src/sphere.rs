@@ -5,7 +5,8 @@ use crate::consensus::{Search, consensus};
 use crate::deviations::{Deviations, Influence};
 use crate::error::FitError;
 use crate::fit::{Fitted, Foot, Surface, fit, refine, rival};
-use crate::round::nearest_on_round;
+use crate::plane::square_to;
+use crate::round::{Apex, nearest_on_round};
 use crate::sample::{Observation, Sample};
 use nalgebra::{DMatrix, Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
@@ -231,10 +232,21 @@ impl Surface<4> for FreeSphere {
         self.0.shape_operator(&foot.normal)
     }
 
+    fn lever(&self) -> impl Fn(&Foot<4>) -> SVector<f64, 4> {
+        let apex = Apex::of(self.0.center, self.0.radius);
+        let [first, second] = square_to(&apex.outward());
+        move |foot| {
+            let arm = apex.arm(&foot.normal);
+            let [rise, bend] = apex.rise_and_bend(&foot.normal);
+            SVector::<f64, 4>::new(first.dot(&arm), second.dot(&arm), rise, bend)
+        }
+    }
+
     fn moved(&self, step: &SVector<f64, 4>) -> Self {
-        // Halving at most keeps the radius positive; the damping then finds a shorter step.
-        let radius = (self.0.radius + step[3]).max(0.5 * self.0.radius);
-        Self(Ball { center: self.0.center + step.xyz(), radius })
+        let apex = Apex::of(self.0.center, self.0.radius);
+        let [first, second] = square_to(&apex.outward());
+        let (center, radius) = apex.moved(&(first * step[0] + second * step[1]), step[2], step[3]);
+        Self(Ball { center, radius })
     }
 }
 

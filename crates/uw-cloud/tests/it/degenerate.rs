@@ -136,3 +136,24 @@ fn a_far_origin_changes_no_size() {
     };
     assert_eq!(shape(camera(pipe.clone()), 0.0), shape(far(&pipe), 1e6));
 }
+
+/// A ball before a plate that most points are of: a sphere or a cylinder as flat as that is found to tell nothing, and not sought without end.
+#[test]
+fn what_is_round_before_a_plate_is_refused_as_undetermined() {
+    let mut random = random(4);
+    let mut place = |i: usize| {
+        let [x, y] = [0; 2].map(|_| uniform(&mut random, -80.0, 80.0));
+        let (from_ball, noise) = (x.hypot(y), 0.06 * gauss(&mut random));
+        let ball = if from_ball < 25.0 && i.is_multiple_of(2) {
+            (625.0 - from_ball * from_ball).sqrt()
+        } else {
+            0.0
+        };
+        [x, y, 900.0 + 0.1 * x - ball + noise]
+    };
+    let cloud = camera((0..4000).map(&mut place).collect());
+    let ball = fit_sphere(&cloud, &SphereOptions::default());
+    assert!(matches!(ball, Err(FitError::Undetermined { .. })), "{ball:?}");
+    let tube = fit_cylinder(&cloud, &CylinderOptions::default());
+    assert!(matches!(tube, Err(FitError::Undetermined { .. })), "{tube:?}");
+}
