@@ -265,6 +265,10 @@ fn shortened(foot: &Foot<6>) -> Foot<5> {
 impl Surface<6> for FreeRing {
     const NAME: &'static str = "circle";
 
+    fn radius_mm(&self) -> Option<f64> {
+        Some(self.0.radius)
+    }
+
     fn distance(&self, point: &Vector3<f64>) -> f64 {
         self.0.distance(point)
     }
@@ -288,6 +292,10 @@ impl Surface<6> for FreeRing {
 
 impl Surface<5> for KnownRing {
     const NAME: &'static str = "circle";
+
+    fn radius_mm(&self) -> Option<f64> {
+        Some(self.0.radius)
+    }
 
     fn distance(&self, point: &Vector3<f64>) -> f64 {
         self.0.distance(point)

@@ -307,6 +307,10 @@ impl Tube {
 impl Surface<5> for FreeTube {
     const NAME: &'static str = "cylinder";
 
+    fn radius_mm(&self) -> Option<f64> {
+        Some(self.0.radius)
+    }
+
     fn distance(&self, point: &Vector3<f64>) -> f64 {
         self.0.distance(point)
     }
@@ -351,6 +355,10 @@ impl Surface<5> for FreeTube {
 
 impl Surface<4> for KnownTube {
     const NAME: &'static str = "cylinder";
+
+    fn radius_mm(&self) -> Option<f64> {
+        Some(self.0.radius)
+    }
 
     fn distance(&self, point: &Vector3<f64>) -> f64 {
         self.0.distance(point)

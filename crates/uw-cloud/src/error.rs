@@ -93,6 +93,19 @@ pub enum FitError {
         /// The largest share that is accepted.
         allowed: f64,
     },
+    /// The points keep hardly nearer to the best shape of its kind than those would that fill it.
+    #[error(
+        "the points are no {shape}: they scatter by {rms_mm:.3} mm about the best one, of radius {radius_mm:.3} mm; crop the cloud to the {shape}, \
+         or have all shapes found (uwscan shapes, find_shapes)"
+    )]
+    NoShape {
+        /// The shape.
+        shape: &'static str,
+        /// The points' distances from it, root mean square.
+        rms_mm: f64,
+        /// Its radius.
+        radius_mm: f64,
+    },
     /// Two shapes fit the points equally well, such as two balls of known radius on either side of a small cap.
     #[error(
         "two {shape}s of the given radius fit the points, {separation_mm:.3} mm apart, and the points don't tell \

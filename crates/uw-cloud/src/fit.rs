@@ -37,6 +37,7 @@ use crate::error::FitError;
 use crate::floor::{Floor, noise_floor};
 use crate::newton::{MAX_ITERATIONS, Normal, minimise};
 use crate::robust::{rejection_limit, scale_about_zero, student_widening};
+use crate::round::refuse_filling;
 use crate::sample::{Observation, Sample};
 use nalgebra::{DMatrix, Matrix3, SMatrix, SVector, Vector3};
 
@@ -106,6 +107,11 @@ impl<const P: usize> Feet<P> {
 pub(crate) trait Surface<const P: usize>: Clone {
     /// What it is called in messages.
     const NAME: &'static str;
+
+    /// Returns the radius of what is round, mm.
+    fn radius_mm(&self) -> Option<f64> {
+        None
+    }
 
     /// Returns the signed orthogonal distance F of a point, mm.
     fn distance(&self, point: &Vector3<f64>) -> f64;
@@ -228,6 +234,9 @@ pub(crate) fn fit<S: Surface<P>, const P: usize>(
     let inliers: Vec<usize> = (0..all.len()).filter(|&i| inliers[i]).collect();
     let (covariance, influence) = covariance(&surface, sample, &feet, &inliers, floor)?;
     let distances: Vec<f64> = inliers.iter().map(|&i| surface.distance(&all[i].point)).collect();
+    if let Some(radius_mm) = surface.radius_mm() {
+        refuse_filling(S::NAME, radius_mm, &distances)?;
+    }
     let known = sample.has_covariances.then_some(floor);
     let deviations = Deviations::new(&distances, all.len(), sample.duplicates, known);
     Ok(Fitted { surface, covariance, deviations, influence, inliers, floor })

@@ -1,5 +1,6 @@
 //! What circles, spheres and cylinders share: the point that is nearest in the metric of a covariance, and steps that flatness does not slow down.
 
+use crate::error::FitError;
 use nalgebra::SVector;
 
 /// Returns (residual λ nᵀVn, nᵀVn, n) at the point s of |s| = R that is nearest to `arm` in the metric of V, in V's principal axes.
@@ -60,6 +61,23 @@ pub(crate) fn nearest_on_round<const N: usize>(
     let normal = at(nu).normalize();
     let variance = normal.component_mul(&normal).dot(variances);
     (nu / largest * radius * variance, variance, normal)
+}
+
+/// Refuses points, by their distances from it, that are of no such shape. Outliers are told by the points' own scatter: where nothing is near the shape, nothing is an
+/// outlier.
+pub(crate) fn refuse_filling(
+    shape: &'static str,
+    radius_mm: f64,
+    distances_mm: &[f64],
+) -> Result<(), FitError> {
+    /// Root mean square by radius. Points that fill a ball evenly come to 0.26 about the sphere that fits them best, those that fill a circle to 0.35.
+    const MOST: f64 = 0.2;
+    let squares: f64 = distances_mm.iter().map(|d| d * d).sum();
+    let rms_mm = (squares / distances_mm.len().max(1) as f64).sqrt();
+    if rms_mm > MOST * radius_mm {
+        return Err(FitError::NoShape { shape, rms_mm, radius_mm });
+    }
+    Ok(())
 }
 
 /// Returns the principal axes of the symmetric matrix (aa, ab; ab, bb): cosine and sine of the angle that the axis of the larger value is turned by, the larger and the smaller value.
@@ -158,6 +176,20 @@ mod tests {
             assert!((slope(tilt, 0.0, 0.0) - tilt.dot(&apex.arm(&normal))).abs() < DIFFERENCE, "{center}");
             assert!((slope(Vector3::zeros(), 1.0, 0.0) - rise).abs() < DIFFERENCE, "{center}");
             assert!((slope(Vector3::zeros(), 0.0, 1.0) - bend).abs() < DIFFERENCE, "{center}");
+        }
+    }
+
+    #[test]
+    fn what_fills_a_ball_or_a_circle_is_neither_sphere_nor_circle() {
+        // Middles of shells of equal volume, and of rings of equal area.
+        for power in [3.0, 2.0] {
+            let away: Vec<f64> =
+                (0..1000).map(|k| ((f64::from(k) + 0.5) / 1e3_f64).powf(1.0 / power)).collect();
+            let radius = away.iter().sum::<f64>() / 1e3;
+            let filling: Vec<f64> = away.iter().map(|r| r - radius).collect();
+            assert!(matches!(refuse_filling("ball", radius, &filling), Err(FitError::NoShape { .. })));
+            let rough: Vec<f64> = filling.iter().map(|d| 0.5 * d).collect();
+            assert_eq!(refuse_filling("ball", radius, &rough), Ok(()));
         }
     }
 

@@ -213,6 +213,10 @@ impl Ball {
 impl Surface<4> for FreeSphere {
     const NAME: &'static str = "sphere";
 
+    fn radius_mm(&self) -> Option<f64> {
+        Some(self.0.radius)
+    }
+
     fn distance(&self, point: &Vector3<f64>) -> f64 {
         self.0.distance(point)
     }
@@ -252,6 +256,10 @@ impl Surface<4> for FreeSphere {
 
 impl Surface<3> for KnownSphere {
     const NAME: &'static str = "sphere";
+
+    fn radius_mm(&self) -> Option<f64> {
+        Some(self.0.radius)
+    }
 
     fn distance(&self, point: &Vector3<f64>) -> f64 {
         self.0.distance(point)

@@ -157,3 +157,25 @@ fn what_is_round_before_a_plate_is_refused_as_undetermined() {
     let tube = fit_cylinder(&cloud, &CylinderOptions::default());
     assert!(matches!(tube, Err(FitError::Undetermined { .. })), "{tube:?}");
 }
+
+/// A pipe before a floor is no small ball: however far off its points lie, none is an outlier among them.
+#[test]
+fn a_pipe_before_a_floor_is_no_sphere_of_given_radius() {
+    const VARIANCE_MM2: f32 = 0.06 * 0.06;
+    for seed in 1..5 {
+        let mut random = random(seed);
+        let mut place = |i: usize| {
+            let [x, y] = [-200.0, -150.0].map(|low| uniform(&mut random, low, -low));
+            let noise = 0.06 * gauss(&mut random);
+            if i.is_multiple_of(3) || x.abs() > 44.0 {
+                return [x, y, 1000.0 + noise];
+            }
+            [x, y, 940.0 - (44.5_f64 * 44.5 - x * x).sqrt() + noise]
+        };
+        let points: Points = (0..6000).map(&mut place).collect();
+        let alike = vec![[VARIANCE_MM2, 0.0, 0.0, VARIANCE_MM2, 0.0, VARIANCE_MM2]; points.len()];
+        let cloud = camera(points).with_covariances_mm2(alike).unwrap();
+        let ball = fit_sphere(&cloud, &SphereOptions { radius_mm: Some(20.0), ..SphereOptions::default() });
+        assert!(ball.is_err(), "seed {seed}: {ball:?}");
+    }
+}
