@@ -210,6 +210,7 @@ impl Ring {
             a.component_mul(&b).dot(&variances),
             b.component_mul(&b).dot(&variances),
         );
+        // By the angle, not by `round::principal`: of a ring in an exact plane half of the residuals would be nil, and their median scatter with them.
         let (s, c) = (0.5 * (2.0 * ab).atan2(aa - bb)).sin_cos();
         let (mean, spread) = (0.5 * (aa + bb), (0.5 * (aa - bb)).hypot(ab));
         let least = (mean - spread).max(floor_mm * floor_mm);

@@ -238,9 +238,9 @@ impl Tube {
     fn foot(&self, observation: &Observation, floor_mm: f64) -> Foot<5> {
         let [first, second] = square_to(&self.axis);
         let arm = observation.point - self.anchor;
+        let flat = Vector2::new(first.dot(&arm), second.dot(&arm));
         if observation.is_bare() {
             // In the metric of space nothing has to be turned.
-            let flat = Vector2::new(first.dot(&arm), second.dot(&arm));
             let alike = Vector2::repeat(floor_mm * floor_mm);
             let (residual_mm, variance_mm2, n) = nearest_on_round(flat, &alike, self.radius);
             let height = self.axis.dot(&arm);
@@ -254,7 +254,6 @@ impl Tube {
         let ([c, s], [most, least]) = principal(aa, ab, bb);
         let axes = Matrix2::new(c, -s, s, c);
         let least = least.max(floor_mm * floor_mm);
-        let flat = Vector2::new(first.dot(&arm), second.dot(&arm));
         let (residual_mm, variance_mm2, n) =
             nearest_on_round(axes.tr_mul(&flat), &Vector2::new(most, least), self.radius);
         let n = axes * n;

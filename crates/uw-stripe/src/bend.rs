@@ -11,6 +11,7 @@
 
 mod curves;
 
+use crate::engine::lanes::CHUNK;
 use crate::median::median_of_known;
 use crate::profile::{Flags, Reject, Stripe};
 use crate::special::ln;
@@ -182,12 +183,11 @@ impl Widths {
 /// Σ a b, in sums that go beside each other and are the same ones on all processors.
 #[inline(always)]
 fn sum(a: &[f32], b: &[f32]) -> f32 {
-    const LANES: usize = 16;
-    let mut sums = [0.0f32; LANES];
-    let (a, b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    let mut sums = [0.0f32; CHUNK];
+    let (a, b) = (a.chunks_exact(CHUNK), b.chunks_exact(CHUNK));
     let rest: f32 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
     for (a, b) in a.zip(b) {
-        for l in 0..LANES {
+        for l in 0..CHUNK {
             sums[l] += a[l] * b[l];
         }
     }

@@ -41,8 +41,7 @@ impl Neighbours {
     /// Returns what comes of each point's neighbourhood, in the order of the points: of its first so many neighbours, or where nothing
     /// comes of these, of so many as are named next.
     ///
-    /// The points of a leaf are looked at together: whatever is near one of them is near the leaf's middle. Large clouds are shared among
-    /// threads; what comes of it is the same.
+    /// Large clouds are shared among threads; what comes of it is the same.
     pub(crate) fn of_all<T: Copy + Send>(
         &self,
         counts: &[usize],

@@ -67,9 +67,11 @@ impl Engine {
         if signs.bent || signs.edges {
             self.along.bends.unbend(level, stripe, lines.clone());
         }
+        if !(signs.edges || signs.rough || signs.bent) {
+            return;
+        }
         let most = self.model.max_sigma_px;
-        let imprecise = stripe.sigma_px[lines.clone()].iter().fold(false, |any, sigma| any | (*sigma > most));
-        if imprecise && (signs.edges || signs.rough || signs.bent) {
+        if stripe.sigma_px[lines.clone()].iter().fold(false, |any, sigma| any | (*sigma > most)) {
             for line in lines {
                 if stripe.reject[line].is_none() && stripe.sigma_px[line] > most {
                     stripe.drop_line(line, Reject::Imprecise);
