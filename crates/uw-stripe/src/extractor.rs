@@ -61,7 +61,7 @@ impl Extractor {
     pub(crate) fn with_level(options: Options, level: Level) -> Result<Self, StripeError> {
         options.check()?;
         let mut extractor = Self {
-            precise: Precise::new(options.clone()),
+            precise: Precise::new(options.clone(), level),
             options,
             engine: None,
             ridge: None,

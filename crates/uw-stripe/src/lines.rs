@@ -60,6 +60,11 @@ impl<'a> Line<'a> {
         Self { value, clip, pedestal: &[], light: &[] }
     }
 
+    /// Whether anything was subtracted from its pixels.
+    pub fn something_known(&self) -> bool {
+        !(self.pedestal.is_empty() && self.light.is_empty())
+    }
+
     /// What was subtracted from pixel `i`, DN.
     pub fn pedestal(&self, i: usize) -> f64 {
         self.pedestal.get(i).copied().map_or(0.0, f64::from)

@@ -1,6 +1,6 @@
 //! Candidates: where on a line something stands out of its surroundings like a stripe.
 
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::{Level, Select, Simd, SimdBase, SimdMask, SimdWiden, dispatch, f32x16, f64x8};
 
 use crate::NoiseModel;
 use crate::lines::Line;
@@ -78,18 +78,36 @@ impl Candidates {
 const BLOCK: usize = 16;
 
 /// Reused buffers of the search.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Search {
+    level: Level,
+    /// Sum of the pixels before each, and of all.
     sums: Vec<f64>,
-    /// Highest value of each block, and the lowest of all.
+    /// Highest value of each block and of those within `reach` blocks, and the lowest of all.
     highest: Vec<f32>,
+    reach: usize,
     lowest: f32,
+    /// Places where a box of the length at hand may be a candidate.
+    places: Vec<usize>,
     /// The best box on each pixel; none but those at `hits` holds one.
     best: Vec<Candidate>,
     hits: Vec<usize>,
 }
 
 impl Search {
+    pub fn new(level: Level) -> Self {
+        Self {
+            level,
+            sums: Vec::new(),
+            highest: Vec::new(),
+            reach: 0,
+            lowest: 0.0,
+            places: Vec::new(),
+            best: Vec::new(),
+            hits: Vec::new(),
+        }
+    }
+
     /// Looks for candidates above `least_snr` that `widest` pixels' boxes can hold.
     ///
     /// Box Laplacian of Gaussian: mean of a box minus mean of the boxes of the same length on either side, at lengths
@@ -117,18 +135,7 @@ impl Search {
         mut found: impl FnMut(Candidate),
     ) {
         let n = line.value.len();
-        self.sums.clear();
-        self.sums.push(0.0);
-        let mut sum = 0.0;
-        for &v in line.value {
-            sum += f64::from(v);
-            self.sums.push(sum);
-        }
-        self.highest.clear();
-        let block_maxima =
-            line.value.chunks(BLOCK).map(|b| b.iter().copied().fold(f32::NEG_INFINITY, f32::max));
-        self.highest.extend(block_maxima);
-        self.lowest = line.value.iter().copied().fold(f32::INFINITY, f32::min);
+        dispatch!(self.level, simd => self.sum_up(simd, line.value));
         self.best.resize(n, Candidate::default());
         let mut half = 1;
         // Boxes wider than the line are all the same.
@@ -154,39 +161,59 @@ impl Search {
         }
     }
 
+    /// Fills sums, maxima and the minimum.
+    #[inline(always)]
+    fn sum_up<S: Simd>(&mut self, simd: S, values: &[f32]) {
+        self.sums.clear();
+        self.sums.resize(values.len() + 1, 0.0);
+        self.highest.clear();
+        self.reach = 0;
+        let mut lowest = f32x16::splat(simd, f32::INFINITY);
+        let mut before = 0.0;
+        let (whole, rest) = values.as_chunks::<BLOCK>();
+        let (sums, last) = self.sums[1..].split_at_mut(whole.len() * BLOCK);
+        for (block, sums) in whole.iter().zip(sums.as_chunks_mut::<BLOCK>().0) {
+            // A block's sums wait for those of no other: all of it is added up apart.
+            let mut sum = before;
+            for (total, v) in sums.iter_mut().zip(block) {
+                sum += f64::from(*v);
+                *total = sum;
+            }
+            let pixels = f32x16::from_slice(simd, block);
+            let (low, high) = pixels.widen();
+            before += (low + high).reduce_sum();
+            self.highest.push(pixels.reduce_max());
+            lowest = lowest.min(pixels);
+        }
+        self.lowest = rest.iter().copied().fold(lowest.reduce_min(), f32::min);
+        if !rest.is_empty() {
+            self.highest.push(rest.iter().copied().fold(f32::NEG_INFINITY, f32::max));
+        }
+        for (total, v) in last.iter_mut().zip(rest) {
+            before += f64::from(*v);
+            *total = before;
+        }
+    }
+
     /// Takes boxes of one length into the best ones.
     fn scan(&mut self, line: Line<'_>, noise: &NoiseModel, half: usize, least_snr: f32) {
         let n = line.value.len();
         let scale = 2 * half + 1;
-        // Cheap test first, by multiplication only: most of an image is dark and fails it.
-        let per_pixel = 1.0 / scale as f64;
-        let least = f64::from(least_snr) * (noise.variance(0.0, 0.0) * per_pixel).sqrt();
-        let margin = half + scale;
-        // A box's mean is below its highest pixel, and its surroundings' above the line's lowest.
-        let promising = f64::from(self.lowest) + least;
-        let reach = half.div_ceil(BLOCK);
-        let blocks = self.highest.len();
-        let active = |block: usize, highest: &[f32]| {
-            let near = block.saturating_sub(reach)..(block + reach + 1).min(blocks);
-            highest[near].iter().any(|&v| f64::from(v) >= promising)
-        };
-        let test = Test { half, margin, per_pixel, least };
-        let level = Level::new();
-        for centre in (0..blocks)
-            .filter(|&block| active(block, &self.highest))
-            .filter(|&block| dispatch!(level, simd => test.block(simd, &self.sums, block * BLOCK)))
-            .flat_map(|block| block * BLOCK..((block + 1) * BLOCK).min(n))
-        {
-            if test.fails(&self.sums, centre) {
-                continue;
-            }
+        let test = Test::new(noise, half, least_snr);
+        while self.reach < half.div_ceil(BLOCK) {
+            dilate(&mut self.highest);
+            self.reach += 1;
+        }
+        let Self { sums, highest, lowest, places, best, hits, .. } = self;
+        places.clear();
+        dispatch!(self.level, simd => test.places(simd, sums, (highest, *lowest), places));
+        for &centre in places.iter() {
             // At the border the boxes are cut; a side without pixels counts as the other.
             let (from, to) = (centre.saturating_sub(half), (centre + half + 1).min(n));
             let (before, after) = (from.saturating_sub(scale), (to + scale).min(n));
-            let box_mean = (self.sums[to] - self.sums[from]) / (to - from) as f64;
-            let left =
-                (from > before).then(|| (self.sums[from] - self.sums[before]) / (from - before) as f64);
-            let right = (after > to).then(|| (self.sums[after] - self.sums[to]) / (after - to) as f64);
+            let box_mean = (sums[to] - sums[from]) / (to - from) as f64;
+            let left = (from > before).then(|| (sums[from] - sums[before]) / (from - before) as f64);
+            let right = (after > to).then(|| (sums[after] - sums[to]) / (after - to) as f64);
             let (Some(left), Some(right)) = (left.or(right), right.or(left)) else { continue };
             let around = 0.5 * (left + right);
             let contrast = box_mean - around;
@@ -199,64 +226,100 @@ impl Search {
             let outside = ((from - before) + (after - to)).max(1);
             let sigma = (variance * (1.0 / (to - from) as f64 + 1.0 / outside as f64)).sqrt();
             let snr = (contrast / sigma) as f32;
-            if snr > self.best[centre].snr && snr >= least_snr && box_mean - left.max(right) > 0.5 * contrast
-            {
+            if snr > best[centre].snr && snr >= least_snr && box_mean - left.max(right) > 0.5 * contrast {
                 let flux = (contrast * (to - from) as f64) as f32;
-                if self.best[centre].snr <= 0.0 {
-                    self.hits.push(centre);
+                if best[centre].snr <= 0.0 {
+                    hits.push(centre);
                 }
-                self.best[centre] = Candidate { centre, scale, snr, flux, background: around as f32 };
+                best[centre] = Candidate { centre, scale, snr, flux, background: around as f32 };
             }
         }
     }
 }
 
-/// Whether a box stands out of its surroundings by what the dark's noise asks for: by multiplication only, since most of an image fails.
+/// Each block's highest value and those of the blocks beside it.
+fn dilate(highest: &mut [f32]) {
+    let mut before = f32::NEG_INFINITY;
+    for i in 0..highest.len() {
+        let after = highest.get(i + 1).copied().unwrap_or(f32::NEG_INFINITY);
+        let here = highest[i];
+        highest[i] = here.max(before).max(after);
+        before = here;
+    }
+}
+
+/// Whether a box stands out of its surroundings by what the noise at their level asks for: by multiplication only, since most of an image fails.
 #[derive(Debug, Clone, Copy)]
 struct Test {
     half: usize,
     /// Pixels of the box's surroundings on either side of its centre.
     margin: usize,
     per_pixel: f64,
-    least: f64,
+    /// Least square of the contrast where it is dark, and what a level adds to it.
+    dark: f64,
+    per_level: f64,
 }
 
 impl Test {
-    /// True where the box at `centre` can't be a candidate; never at the border, where boxes are cut.
-    fn fails(&self, sums: &[f64], centre: usize) -> bool {
-        let within = centre >= self.margin && centre + self.margin + 1 < sums.len();
-        within && self.contrast(sums, centre) < self.least
-    }
-
-    /// False where no box of the block that starts at `from` can be a candidate.
-    #[inline(always)]
-    fn block<S: Simd>(&self, _: S, sums: &[f64], from: usize) -> bool {
-        let Self { half, margin, .. } = *self;
-        if from < margin || from + BLOCK + margin >= sums.len() {
-            return true;
+    fn new(noise: &NoiseModel, half: usize, least_snr: f32) -> Self {
+        /// Rounding may not take out what the exact test would let pass.
+        const ROUNDING: f64 = 1.0 - 1e-6;
+        let scale = (2 * half + 1) as f64;
+        // The noise of the box's mean and that of its surroundings', which are twice as long.
+        let factor = ROUNDING * f64::from(least_snr).powi(2) * 1.5 / scale;
+        let dark = noise.variance(0.0, 0.0);
+        Self {
+            half,
+            margin: 3 * half + 1,
+            per_pixel: 1.0 / scale,
+            dark: factor * dark,
+            per_level: factor / f64::from(noise.gain_e_per_dn),
         }
-        let at = |offset: usize| &sums[offset..][..BLOCK];
-        let (high, low) = (at(from + half + 1), at(from - half));
-        let (after, before) = (at(from + margin + 1), at(from - margin));
-        let mut any = 0u64;
-        for i in 0..BLOCK {
-            any += u64::from(self.of(high[i] - low[i], after[i] - before[i]) >= self.least);
-        }
-        any > 0
     }
 
-    fn contrast(&self, sums: &[f64], centre: usize) -> f64 {
-        let Self { half, margin, .. } = *self;
-        self.of(
-            sums[centre + half + 1] - sums[centre - half],
-            sums[centre + margin + 1] - sums[centre - margin],
-        )
-    }
-
-    /// Mean of the box minus that of its surroundings.
+    /// Adds the places that pass, and those at the border, where boxes are cut; `highest` are the highest values within reach of each block, beside
+    /// the lowest of all.
     #[inline(always)]
-    fn of(&self, inner: f64, all: f64) -> f64 {
-        (inner - 0.5 * (all - inner)) * self.per_pixel
+    fn places<S: Simd>(
+        &self,
+        simd: S,
+        sums: &[f64],
+        (highest, lowest): (&[f32], f32),
+        places: &mut Vec<usize>,
+    ) {
+        let n = sums.len() - 1;
+        // A box's mean is below its highest pixel, and its surroundings' above the line's lowest.
+        let promising = f64::from(lowest) + self.dark.sqrt();
+        for (from, high) in (0..n).step_by(BLOCK).zip(highest) {
+            if f64::from(*high) < promising {
+                continue;
+            }
+            if from < self.margin || from + BLOCK + self.margin > n {
+                places.extend(from..(from + BLOCK).min(n));
+                continue;
+            }
+            let mut bits = 0;
+            for part in (0..BLOCK).step_by(8) {
+                bits |= self.passes(simd, sums, from + part) << part;
+            }
+            while bits != 0 {
+                places.push(from + bits.trailing_zeros() as usize);
+                bits &= bits - 1;
+            }
+        }
+    }
+
+    /// Which of the eight places from one on pass, one bit each.
+    #[inline(always)]
+    fn passes<S: Simd>(&self, simd: S, sums: &[f64], from: usize) -> u64 {
+        let Self { half, margin, .. } = *self;
+        let at = |place: usize| f64x8::from_slice(simd, &sums[place..][..8]);
+        let inner = at(from + half + 1) - at(from - half);
+        let around = (at(from + margin + 1) - at(from - margin) - inner) * (0.5 * self.per_pixel);
+        let contrast = inner * self.per_pixel - around;
+        let level = around.simd_lt(0.0).select(f64x8::splat(simd, 0.0), around);
+        let enough = (contrast * contrast).simd_ge(level * self.per_level + self.dark);
+        (enough & contrast.simd_gt(0.0)).to_bitmask()
     }
 }
 

@@ -5,7 +5,7 @@ use fearless_simd::Level;
 use crate::bend::Bends;
 use crate::edges::Edges;
 use crate::lines::{Clip, Line, Lines};
-use crate::mle::{self, Fit, Seed, WidthPrior};
+use crate::mle::{self, Common, Fit, Fitter, Seed, Source, WidthPrior, within};
 use crate::noise::{self, Residual};
 use crate::peak::{Candidate, Candidates, Search};
 use crate::profile::{Flags, Reject, Stripe};
@@ -13,6 +13,7 @@ use crate::scatter::{Centre, Scatter};
 use crate::track::Tracker;
 use crate::verdict;
 use crate::{NoiseModel, Options, Pixel, StripeError, View};
+use std::ops::Range;
 
 pub(crate) mod several;
 mod stack;
@@ -40,12 +41,14 @@ struct Taken {
 #[derive(Debug)]
 pub(crate) struct Precise {
     options: Options,
+    level: Level,
     lines: Lines,
     search: Search,
     candidates: Vec<Candidates>,
     tracker: Tracker,
     choice: Vec<Option<usize>>,
     taken: Vec<Option<Taken>>,
+    fitter: Fitter,
     fits: Vec<Option<Fit>>,
     shapes: Vec<Option<mle::surroundings::Shape>>,
     residuals: Vec<Residual>,
@@ -66,15 +69,17 @@ pub(crate) struct Precise {
 
 impl Precise {
     /// The path with the given settings, which have been checked.
-    pub fn new(options: Options) -> Self {
+    pub fn new(options: Options, level: Level) -> Self {
         Self {
+            level,
             options,
             lines: Lines::default(),
-            search: Search::default(),
+            search: Search::new(level),
             candidates: Vec::new(),
             tracker: Tracker::default(),
             choice: Vec::new(),
             taken: Vec::new(),
+            fitter: Fitter::new(level),
             fits: Vec::new(),
             shapes: Vec::new(),
             residuals: Vec::new(),
@@ -179,11 +184,14 @@ impl Precise {
 
     /// Fits, judges and writes the result.
     fn measure(&mut self, noise: &NoiseModel, prior: Option<WidthPrior>) {
-        self.fits.clear();
+        let common = Common { noise, width: prior };
+        let chosen = Chosen { lines: &self.lines, candidates: &self.candidates, choice: &self.choice };
+        let seeds =
+            (0..self.choice.len()).map(|i| Some(shape(self.lines.line(i), chosen.candidate(i)?, prior)));
+        self.fitter.fit(seeds, &chosen, common, &mut self.fits);
         self.taken.clear();
-        for (i, k) in self.choice.iter().enumerate() {
-            let (line, candidates) = (self.lines.line(i), self.candidates[i].as_slice());
-            self.fits.push(k.and_then(|k| refine(line, noise, candidates, k, prior, None)));
+        for (candidates, k) in self.candidates.iter().zip(&self.choice) {
+            let candidates = candidates.as_slice();
             self.taken.push(k.map(|k| {
                 let other = candidates.iter().enumerate().find(|(j, _)| *j != k);
                 let rival = other.map_or(0.0, |(_, c)| c.flux / candidates[k].flux);
@@ -213,7 +221,7 @@ impl Precise {
         verdict::drop_lonely(&mut self.stripe, lines.clone(), strong, &mut self.keep);
         // All ends first, then out with them, lest an end be eaten up line by line.
         self.edges.drop_partial(&mut self.stripe, lines.clone(), &mut self.partial);
-        self.bends.unbend(Level::new(), &mut self.stripe, lines);
+        self.bends.unbend(self.level, &mut self.stripe, lines);
     }
 
     /// Verdict on line `i` of the region, all but its company.
@@ -279,25 +287,30 @@ impl Precise {
     }
 }
 
-/// Fit of candidate `k` of a line, its window adapted to the width found.
-fn refine(
-    line: Line<'_>,
-    noise: &NoiseModel,
-    candidates: &[Candidate],
-    k: usize,
-    prior: Option<WidthPrior>,
-    residuals: Option<&mut Vec<Residual>>,
-) -> Option<Fit> {
-    let taken = *candidates.get(k)?;
-    let (centre, width) = shape(line, &taken, prior);
-    let start = Seed {
-        centre,
-        width,
-        flux: f64::from(taken.flux.max(f32::MIN_POSITIVE)),
-        background: f64::from(taken.background),
-    };
-    let window = |centre, half| window(centre, half, candidates, k, line.value.len());
-    mle::settle(line, noise, start, prior, residuals, window)
+/// The lines with the candidates that were chosen.
+#[derive(Debug, Clone, Copy)]
+struct Chosen<'a> {
+    lines: &'a Lines,
+    candidates: &'a [Candidates],
+    choice: &'a [Option<usize>],
+}
+
+impl Chosen<'_> {
+    fn candidate(&self, line: usize) -> Option<&Candidate> {
+        self.candidates[line].as_slice().get(self.choice[line]?)
+    }
+}
+
+impl Source for Chosen<'_> {
+    fn line(&self, k: usize) -> Line<'_> {
+        self.lines.line(k)
+    }
+
+    fn window(&self, k: usize, centre: f64, half: f64) -> Range<usize> {
+        let window = within(centre, half, self.lines.length);
+        let own = self.candidate(k).map_or(0, |c| c.centre);
+        apart(window, own, self.candidates[k].as_slice().iter().map(|c| c.centre))
+    }
 }
 
 /// Scatter of the line around a stripe, DN: what haze adds to the camera's noise. 0 without enough pixels.
@@ -324,25 +337,28 @@ fn texture(line: Line<'_>, fit: &Fit, values: &mut Vec<f32>) -> f64 {
     f64::from(upper - values[values.len() / 2]) / UPPER_NORMAL
 }
 
-/// Pixels within `half` of the centre, stopped midway to the next candidate on either side.
-fn window(centre: f64, half: f64, candidates: &[Candidate], k: usize, length: usize) -> (usize, usize) {
-    let (mut low, mut high) = (centre - half, centre + half);
-    let own = candidates[k];
-    for other in candidates.iter().filter(|c| c.centre != own.centre) {
-        let middle = 0.5 * (other.centre + own.centre) as f64;
-        if other.centre < own.centre {
-            low = low.max(middle);
-        } else {
-            high = high.min(middle);
+/// The window, stopped midway to the next of `others` on either side of its `own` candidate.
+fn apart(window: Range<usize>, own: usize, others: impl Iterator<Item = usize>) -> Range<usize> {
+    let Range { mut start, mut end } = window;
+    for other in others {
+        let sum = other + own;
+        if other < own {
+            start = start.max(sum.div_ceil(2));
+        } else if other > own {
+            end = end.min(sum / 2 + 1);
         }
     }
-    let from = low.ceil().max(0.0) as usize;
-    let to = (high.floor().max(-1.0) + 1.0) as usize;
-    (from.min(length), to.min(length))
+    start.min(end)..end
 }
 
-/// Centre and width to start from: first and second moment of what rises above the surroundings in the best box.
-fn shape(line: Line<'_>, c: &Candidate, prior: Option<WidthPrior>) -> (f64, f64) {
+/// Where a fit starts: first and second moment of what rises above the surroundings in the best box.
+fn shape(line: Line<'_>, c: &Candidate, prior: Option<WidthPrior>) -> Seed {
+    let seed = |centre: f64, width: f64| Seed {
+        centre,
+        width,
+        flux: f64::from(c.flux.max(f32::MIN_POSITIVE)),
+        background: f64::from(c.background),
+    };
     let half = c.scale / 2;
     let (from, to) = (c.centre.saturating_sub(half), (c.centre + half + 1).min(line.value.len()));
     let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
@@ -356,11 +372,11 @@ fn shape(line: Line<'_>, c: &Candidate, prior: Option<WidthPrior>) -> (f64, f64)
         second += v * d * d;
     }
     if sum <= 0.0 {
-        return (c.centre as f64, prior.map_or(1.0, |p| p.ln_width.exp()));
+        return seed(c.centre as f64, prior.map_or(1.0, |p| p.ln_width.exp()));
     }
     let mean = first / sum;
     let width = (second / sum - mean * mean - 1.0 / 12.0).max(0.25).sqrt();
     // A clipped plateau is flatter than the stripe below it.
     let width = if clipped > 0 { width.min(0.5 * clipped as f64 + 0.5) } else { width };
-    (c.centre as f64 + mean, width)
+    seed(c.centre as f64 + mean, width)
 }

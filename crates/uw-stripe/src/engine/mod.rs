@@ -131,7 +131,7 @@ impl Engine {
             bank: Bank::new(model.width_px, model.noise, model.min_snr),
             model,
             estimates: Estimates::default(),
-            second: Second::default(),
+            second: Second::new(level),
             along: Along::default(),
             gate: Gate::default(),
         }

@@ -4,14 +4,16 @@ use super::front::{NOWHERE, Wanted};
 use super::maxima::ROWS;
 use super::measure::group_from;
 use super::window::GROUP;
-use super::{Buffers, Engine, Job};
+use super::{Buffers, Engine, Job, Model};
 use crate::lines::{Clip, Line};
-use crate::mle::{self, Fit, Seed, WINDOW, WidthPrior};
+use crate::mle::{self, Common, Fit, Fitter, Seed, Source, WINDOW, WidthPrior};
 use crate::peak::{Candidate, Candidates};
 use crate::profile::{Flags, Reject, Stripe};
 use crate::track::{Tracker, go_on};
 use crate::verdict::{self, LEAST_RUN, run_reach};
 use crate::{Axis, Pixel};
+use fearless_simd::Level;
+use std::ops::Range;
 
 /// Share of the taken peak's height from which another counts as a rival.
 const RIVAL_SHARE: f32 = 0.15;
@@ -26,25 +28,93 @@ pub(super) struct Second {
     tracker: Tracker,
     choice: Vec<Option<usize>>,
     keep: Vec<bool>,
-    value: Vec<f32>,
-    clip: Vec<Clip>,
+    local: Local,
+    seeds: Vec<Option<Seed>>,
+    fitter: Fitter,
     fits: Vec<Option<Fit>>,
     shapes: Vec<Option<mle::surroundings::Shape>>,
 }
 
-impl Default for Second {
-    fn default() -> Self {
+impl Second {
+    pub(super) fn new(level: Level) -> Self {
         Self {
             stripe: Stripe::empty(),
             candidates: Vec::new(),
             tracker: Tracker::default(),
             choice: Vec::new(),
             keep: Vec::new(),
-            value: Vec::new(),
-            clip: Vec::new(),
+            local: Local::default(),
+            seeds: Vec::new(),
+            fitter: Fitter::new(level),
             fits: Vec::new(),
             shapes: Vec::new(),
         }
+    }
+}
+
+/// The pixels around the stripe on those lines that are refined, one after the other.
+#[derive(Debug, Default)]
+struct Local {
+    value: Vec<f32>,
+    clip: Vec<Clip>,
+    /// Where a line's are.
+    ranges: Vec<Range<usize>>,
+}
+
+impl Local {
+    fn clear(&mut self) {
+        self.value.clear();
+        self.clip.clear();
+        self.ranges.clear();
+    }
+
+    /// Copies the pixels that a fit on this line may come to, and says where it starts: at what the filters found.
+    fn push<P: Pixel>(
+        &mut self,
+        job: &Job<'_, P>,
+        line: usize,
+        model: &Model,
+        stripe: &Stripe,
+    ) -> Option<Seed> {
+        let (first_line, first_pixel, length) = job.origin();
+        let centre = f64::from(stripe.position_px[line]) - first_pixel as f64;
+        let amplitude = f64::from(stripe.amplitude[line]);
+        let first = self.value.len();
+        let usable = centre.is_finite() && amplitude > 0.0;
+        let from = start(model, centre, length);
+        if usable {
+            let to = (centre.round() as i64 + reach(model) + 1).clamp(0, length as i64) as usize;
+            for i in from..to {
+                let v = job.dn(line - first_line, i);
+                self.value.push(v);
+                self.clip.push(Clip::of(v, model.noise.full_scale_dn));
+            }
+        }
+        self.ranges.push(first..self.value.len());
+        let width = f64::from(model.width_px);
+        usable.then(|| Seed {
+            centre: centre - from as f64,
+            width,
+            flux: amplitude * width * (2.0 * std::f64::consts::PI).sqrt(),
+            background: f64::from(stripe.background[line]),
+        })
+    }
+}
+
+/// Pixels on either side of the widest window that a fit may come to.
+fn reach(model: &Model) -> i64 {
+    (WINDOW.0 * f64::from(model.max_width_px) + WINDOW.1).ceil() as i64 + 4
+}
+
+/// First pixel that is copied for the refinement of a stripe at `centre`.
+fn start(model: &Model, centre: f64, length: usize) -> usize {
+    (centre.round() as i64 - reach(model)).clamp(0, length as i64) as usize
+}
+
+impl Source for Local {
+    fn line(&self, k: usize) -> Line<'_> {
+        let range = self.ranges[k].clone();
+        Line::plain(&self.value[range.clone()], &self.clip[range])
     }
 }
 
@@ -77,14 +147,30 @@ impl Engine {
         if any.without(unfit) == any || !lines.clone().any(|line| needs(stripe, line)) {
             return;
         }
-        let (mut fits, mut shapes) =
-            (std::mem::take(&mut self.second.fits), std::mem::take(&mut self.second.shapes));
-        fits.clear();
-        fits.extend(
-            lines.clone().map(|line| if needs(stripe, line) { self.refine(job, line, stripe) } else { None }),
-        );
-        mle::surroundings::share(&mut fits, &mut shapes);
-        for (line, fit) in lines.zip(&fits) {
+        let Self { second, model, .. } = self;
+        second.local.clear();
+        second.seeds.clear();
+        for line in lines.clone() {
+            let seed = if needs(stripe, line) {
+                second.local.push(&job, line, model, stripe)
+            } else {
+                second.local.ranges.push(0..0);
+                None
+            };
+            second.seeds.push(seed);
+        }
+        let prior = WidthPrior { ln_width: f64::from(model.width_px).ln(), sigma: WIDTH_SIGMA };
+        let common = Common { noise: &model.noise, width: Some(prior) };
+        second.fitter.fit(second.seeds.iter().copied(), &second.local, common, &mut second.fits);
+        for (fit, seed) in second.fits.iter_mut().zip(&second.seeds) {
+            // A fit that left its window found something else.
+            let left = |f: &Fit, seed: &Seed| (f.centre - seed.centre).abs() > WINDOW.0 * f.width + WINDOW.1;
+            if fit.as_ref().zip(seed.as_ref()).is_some_and(|(fit, seed)| left(fit, seed)) {
+                *fit = None;
+            }
+        }
+        mle::surroundings::share(&mut second.fits, &mut second.shapes);
+        for (line, fit) in lines.zip(&self.second.fits) {
             match fit {
                 Some(fit) => self.replace(job, line, fit, stripe),
                 None if stripe.flags[line].contains(Flags::SATURATED) && stripe.reject[line].is_none() => {
@@ -93,7 +179,6 @@ impl Engine {
                 None => {}
             }
         }
-        (self.second.fits, self.second.shapes) = (fits, shapes);
     }
 
     /// Looks at the rows on which nothing was found, each for itself, where other rows of their block may have hidden it, and fills the places of
@@ -247,57 +332,12 @@ impl Engine {
         }
     }
 
-    /// Pixels on either side of the widest window that a fit may come to.
-    fn reach(&self) -> i64 {
-        (WINDOW.0 * f64::from(self.model.max_width_px) + WINDOW.1).ceil() as i64 + 4
-    }
-
-    /// First pixel that is copied for the refinement of a stripe at `centre`.
-    fn start(&self, centre: f64, length: usize) -> usize {
-        (centre.round() as i64 - self.reach()).clamp(0, length as i64) as usize
-    }
-
-    /// Maximum likelihood on one line, started at what the filters found; positions count from [`Self::start`].
-    fn refine<P: Pixel>(&mut self, job: Job<'_, P>, line: usize, stripe: &Stripe) -> Option<Fit> {
-        let (first_line, first_pixel, length) = job.origin();
-        let model = self.model;
-        let centre = f64::from(stripe.position_px[line]) - first_pixel as f64;
-        let amplitude = f64::from(stripe.amplitude[line]);
-        if !centre.is_finite() || amplitude.is_nan() || amplitude <= 0.0 {
-            return None;
-        }
-        let reach = self.reach();
-        let from = self.start(centre, length);
-        let to = (centre.round() as i64 + reach + 1).clamp(0, length as i64) as usize;
-        let Second { value, clip, .. } = &mut self.second;
-        value.clear();
-        clip.clear();
-        for i in from..to {
-            let v = job.dn(line - first_line, i);
-            value.push(v);
-            clip.push(Clip::of(v, model.noise.full_scale_dn));
-        }
-        let local = Line::plain(value, clip);
-        let width = f64::from(model.width_px);
-        let prior = WidthPrior { ln_width: width.ln(), sigma: WIDTH_SIGMA };
-        let flux = amplitude * width * (2.0 * std::f64::consts::PI).sqrt();
-        let centre = centre - from as f64;
-        let seed = Seed { centre, width, flux, background: f64::from(stripe.background[line]) };
-        let window = |centre: f64, half: f64| {
-            let to = ((centre + half).floor().max(-1.0) + 1.0) as usize;
-            ((centre - half).ceil().max(0.0) as usize, to.min(local.value.len()))
-        };
-        // A fit that left its window found something else.
-        mle::settle(local, &model.noise, seed, Some(prior), None, window)
-            .filter(|f| (f.centre - centre).abs() <= WINDOW.0 * f.width + WINDOW.1)
-    }
-
     /// Writes a refined line, with the verdict on it.
     fn replace<P: Pixel>(&self, job: Job<'_, P>, line: usize, fit: &Fit, stripe: &mut Stripe) {
         let (_, first_pixel, length) = job.origin();
         let sigma = fit.sigma * verdict::chi2_scale(fit).sqrt();
         let filtered = f64::from(stripe.position_px[line]) - first_pixel as f64;
-        let local = fit.centre + self.start(filtered, length) as f64;
+        let local = fit.centre + start(&self.model, filtered, length) as f64;
         let position = local + first_pixel as f64;
         // What the filters lacked is in the fit, or was clipped.
         stripe.flags[line] = stripe.flags[line].without(Flags::EDGE) | verdict::flags(fit);

@@ -8,8 +8,8 @@
 
 #![allow(clippy::needless_range_loop, reason = "indices read as in the formulas")]
 
-use super::dense::{MOST, Symmetric};
-use super::{DEGREE, FLUX, Fit, LEVEL, Solution};
+use super::dense::Symmetric;
+use super::{DEGREE, FLUX, Fit, LEVEL, MOST, Solution};
 
 /// Neighbours asked on either side.
 const REACH: usize = 16;
@@ -53,7 +53,10 @@ impl Shape {
         if s.size < MOST || !fit.converged {
             return None;
         }
-        let factor = s.information.factor(MOST, 0.0)?;
+        let factor = s.information.factor(0.0);
+        if factor.soundness().is_nan() {
+            return None;
+        }
         let (mut coefficients, mut covariance) = ([0.0; DEGREE], [[0.0; DEGREE]; DEGREE]);
         coefficients.copy_from_slice(&s.at[SHAPE..]);
         for (k, row) in covariance.iter_mut().enumerate() {
@@ -69,7 +72,7 @@ impl Shape {
 }
 
 /// Mean of the neighbours' coefficients and the inverse of its covariance; `None` with too few on the stripe's unbroken run.
-fn prior(shapes: &[Option<Shape>], i: usize) -> Option<([f64; DEGREE], Symmetric)> {
+fn prior(shapes: &[Option<Shape>], i: usize) -> Option<([f64; DEGREE], Symmetric<f64, DEGREE>)> {
     let mut members: [Option<&Shape>; 2 * REACH] = [None; 2 * REACH];
     let mut count = 0;
     let mut walk = |lines: &mut dyn Iterator<Item = usize>| {
@@ -95,7 +98,7 @@ fn prior(shapes: &[Option<Shape>], i: usize) -> Option<([f64; DEGREE], Symmetric
     for (k, m) in mean.iter_mut().enumerate() {
         *m = members().map(|s| s.coefficients[k]).sum::<f64>() / n;
     }
-    let mut covariance = Symmetric::diagonal(&[0.0; MOST]);
+    let mut covariance = Symmetric([[0.0; DEGREE]; DEGREE]);
     for r in 0..DEGREE {
         for c in 0..=r {
             covariance.0[r][c] = excess * members().map(|s| s.covariance[r][c]).sum::<f64>() / (n * n);
@@ -105,8 +108,11 @@ fn prior(shapes: &[Option<Shape>], i: usize) -> Option<([f64; DEGREE], Symmetric
         let own = n * covariance.0[r][r] * (1.0 + (2.0 / (n - 1.0)).sqrt());
         covariance.0[r][r] += (scatter - own).max(0.0);
     }
-    let factor = covariance.factor(DEGREE, 0.0)?;
-    let mut weight = Symmetric::diagonal(&[0.0; MOST]);
+    let factor = covariance.factor(0.0);
+    if factor.soundness().is_nan() {
+        return None;
+    }
+    let mut weight = Symmetric([[0.0; DEGREE]; DEGREE]);
     for c in 0..DEGREE {
         let column = factor.column(c);
         (c..DEGREE).for_each(|r| weight.0[r][c] = column[r]);
@@ -116,7 +122,7 @@ fn prior(shapes: &[Option<Shape>], i: usize) -> Option<([f64; DEGREE], Symmetric
 
 impl Solution {
     /// The fit with a prior on the background's shape; `None` where that leads to no stripe.
-    fn updated(&self, mean: &[f64; DEGREE], weight: &Symmetric) -> Option<Fit> {
+    fn updated(&self, mean: &[f64; DEGREE], weight: &Symmetric<f64, DEGREE>) -> Option<Fit> {
         let mut new = *self;
         let mut step = [0.0; MOST];
         for r in 0..DEGREE {
@@ -128,7 +134,7 @@ impl Solution {
                 }
             }
         }
-        let factor = new.information.factor(MOST, 0.0)?;
+        let factor = new.information.factor(0.0);
         factor.solve(&mut step);
         new.at.iter_mut().zip(&step).for_each(|(a, s)| *a += s);
         let sound = new.at.iter().all(|v| v.is_finite()) && new.at[FLUX] > 0.5 * self.at[FLUX];

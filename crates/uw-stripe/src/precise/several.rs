@@ -1,12 +1,14 @@
 //! Several stripes: each fitted with the others' light taken away, turn by turn, which ends at the likelihood's maximum for all together.
 
-use super::{CANDIDATE_SNR, Precise, Taken, refine};
-use crate::mle::{self, Fit, Seed, WidthPrior};
+use super::{CANDIDATE_SNR, Precise, Taken, apart, shape};
+use crate::lines::{Line, Lines};
+use crate::mle::{Common, Fit, Seed, Source, within};
 use crate::peak::Candidate;
 use crate::profile::{Reject, Stripe};
 use crate::ranks::follow;
 use crate::special::normal;
 use crate::{NoiseModel, Pixel, StripeError, View};
+use std::ops::Range;
 
 /// Candidates kept a line, and most stripes.
 pub(crate) const MOST: usize = 16;
@@ -37,24 +39,38 @@ impl Precise {
         let width = prior.map_or(1.0, |p| p.ln_width.exp());
         let places = follow(&candidates, ranks, width);
         let raw = self.lines.value.clone();
-        let mut fits: Vec<Vec<Option<Fit>>> =
-            places.iter().map(|rank| self.first_fits(rank, &places, &noise, prior)).collect();
+        let common = Common { noise: &noise, width: prior };
+        let mut fits = vec![Vec::new(); ranks];
+        for (rank, fits) in fits.iter_mut().enumerate() {
+            let source = Ranks { lines: &self.lines, rank, places: &places };
+            let seed = |(i, place): (usize, &Option<Candidate>)| {
+                Some(shape(self.lines.line(i), place.as_ref()?, prior))
+            };
+            self.fitter.fit(places[rank].iter().enumerate().map(seed), &source, common, fits);
+        }
+        let mut again = Vec::new();
         for turn in 0..TURNS {
             for rank in 0..ranks {
                 self.clear_others(&fits, rank, &raw);
-                let again: Vec<Option<Fit>> = (0..raw.len() / self.lines.length.max(1))
-                    .map(|i| {
-                        let last = fits[rank][i]?;
-                        let near = |r: usize| {
-                            fits[r][i].is_some_and(|f| {
-                                (f.centre - last.centre).abs() < FAR * last.width.max(f.width)
-                            })
-                        };
-                        let unsettled = turn == 0 || (0..ranks).any(|r| r != rank && near(r));
-                        if unsettled { self.again(i, &last, &noise, prior) } else { Some(last) }
-                    })
-                    .collect();
-                fits[rank] = again;
+                // Once more in the light that is left, from where it ended.
+                let seed = |i: usize| {
+                    let last = fits[rank][i].as_ref()?;
+                    let near = |r: usize| {
+                        fits[r][i].as_ref().is_some_and(|f: &Fit| {
+                            (f.centre - last.centre).abs() < FAR * last.width.max(f.width)
+                        })
+                    };
+                    let unsettled = turn == 0 || (0..ranks).any(|r| r != rank && near(r));
+                    let Fit { centre, width, flux, background, .. } = *last;
+                    unsettled.then_some(Seed { centre, width, flux, background })
+                };
+                let seeds: Vec<Option<Seed>> = (0..fits[rank].len()).map(seed).collect();
+                self.fitter.fit(seeds.iter().copied(), &self.lines, common, &mut again);
+                for ((fit, again), seed) in fits[rank].iter_mut().zip(&mut again).zip(seeds) {
+                    if seed.is_some() {
+                        *fit = again.take();
+                    }
+                }
             }
         }
         out.resize_with(ranks, Stripe::empty);
@@ -96,23 +112,6 @@ impl Precise {
             .collect()
     }
 
-    /// Fits in windows that end midway to the other stripes.
-    fn first_fits(
-        &self,
-        rank: &[Option<Candidate>],
-        all: &[Vec<Option<Candidate>>],
-        noise: &NoiseModel,
-        prior: Option<WidthPrior>,
-    ) -> Vec<Option<Fit>> {
-        let fit = |(i, place): (usize, &Option<Candidate>)| {
-            let own = (*place)?;
-            let others = all.iter().filter_map(|r| r[i]).filter(|c| c.centre != own.centre);
-            let seeds: Vec<Candidate> = std::iter::once(own).chain(others).collect();
-            refine(self.lines.line(i), noise, &seeds, 0, prior, None)
-        };
-        rank.iter().enumerate().map(fit).collect()
-    }
-
     /// The image with the light of all stripes but one taken away; what it weighs stays known.
     fn clear_others(&mut self, fits: &[Vec<Option<Fit>>], rank: usize, raw: &[f32]) {
         let length = self.lines.length;
@@ -133,17 +132,6 @@ impl Precise {
                 self.lines.light[i * length + x] += light;
             }
         }
-    }
-
-    /// The fit once more in the light that is left, from where it ended.
-    fn again(&self, i: usize, last: &Fit, noise: &NoiseModel, prior: Option<WidthPrior>) -> Option<Fit> {
-        let line = self.lines.line(i);
-        let Fit { centre, width, flux, background, .. } = *last;
-        let window = |centre: f64, half: f64| {
-            let to = ((centre + half).floor().max(-1.0) + 1.0) as usize;
-            ((centre - half).ceil().max(0.0) as usize, to.min(line.value.len()))
-        };
-        mle::settle(line, noise, Seed { centre, width, flux, background }, prior, None, window)
     }
 
     /// The fits of a rank, none where another stripe is too near, and those lines.
@@ -169,5 +157,31 @@ impl Precise {
             }
         }
         (own, merged)
+    }
+}
+
+/// Lines with windows that end midway to the other ranks' stripes.
+#[derive(Debug, Clone, Copy)]
+struct Ranks<'a> {
+    lines: &'a Lines,
+    rank: usize,
+    places: &'a [Vec<Option<Candidate>>],
+}
+
+impl Source for Ranks<'_> {
+    fn line(&self, k: usize) -> Line<'_> {
+        self.lines.line(k)
+    }
+
+    fn window(&self, k: usize, centre: f64, half: f64) -> Range<usize> {
+        let window = within(centre, half, self.lines.length);
+        let own = self.places[self.rank][k].map_or(0, |c| c.centre);
+        apart(window, own, self.places.iter().filter_map(|rank| rank[k]).map(|c| c.centre))
+    }
+}
+
+impl Source for Lines {
+    fn line(&self, k: usize) -> Line<'_> {
+        Self::line(self, k)
     }
 }

@@ -5,7 +5,7 @@ use super::Precise;
 use crate::NoiseModel;
 use crate::lines::{Clip, Line};
 use crate::median::median;
-use crate::mle::{self, Seed, WidthPrior};
+use crate::mle::{self, Common, Seed, WidthPrior};
 
 /// Lines on either side of a stack's middle: some twenty grains, over which a parabola follows the stripe.
 const HALF: usize = 12;
@@ -29,7 +29,7 @@ const SPREAD: f64 = 1.4826;
 
 impl Precise {
     /// The width that stacks of lines show, if it is clearly more than single lines do.
-    pub(super) fn stacked_width(&self, noise: &NoiseModel, single: WidthPrior) -> Option<WidthPrior> {
+    pub(super) fn stacked_width(&mut self, noise: &NoiseModel, single: WidthPrior) -> Option<WidthPrior> {
         let lines = self.choice.len();
         let step = (lines / STACKS).max(HALF);
         let (mut widths, mut roughs): (Vec<f64>, Vec<f64>) = (HALF..lines.saturating_sub(HALF))
@@ -47,7 +47,7 @@ impl Precise {
     }
 
     /// Width of the mean profile of the lines around one, and the scatter of their places along the stripe, px.
-    fn stack(&self, middle: usize, noise: &NoiseModel, single: f64) -> Option<(f64, f64)> {
+    fn stack(&mut self, middle: usize, noise: &NoiseModel, single: f64) -> Option<(f64, f64)> {
         let members: Vec<(usize, f64)> = (middle - HALF..=middle + HALF)
             .filter_map(|i| Some((i, self.candidates[i].as_slice().get(self.choice[i]?)?.centre as f64)))
             .collect();
@@ -81,11 +81,8 @@ impl Precise {
         };
         // As a single line is fitted, so that a skirt of haze is background here as there.
         let seed = Seed { centre: reach as f64, width: single, flux, background };
-        let window = |centre: f64, half: f64| {
-            let to = ((centre + half).floor().max(-1.0) + 1.0) as usize;
-            ((centre - half).ceil().max(0.0) as usize, to.min(mean.len()))
-        };
-        let fit = mle::settle(Line::plain(&mean, &clip), &steadier, seed, None, None, window)?;
+        let common = Common { noise: &steadier, width: None };
+        let fit = self.fitter.one(seed, &Line::plain(&mean, &clip), common)?;
         let sound = fit.converged
             && (fit.centre - reach as f64).abs() < reach as f64
             && fit.width < f64::from(self.options.max_width_px);

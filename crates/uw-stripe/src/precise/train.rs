@@ -1,9 +1,9 @@
 //! Noise and width of the stripe, read off the image at hand.
 
-use super::{FIRST_LOOK_SNR, Precise, refine};
+use super::{Chosen, FIRST_LOOK_SNR, Precise, shape};
 use crate::median::median;
-use crate::mle::WidthPrior;
-use crate::noise::{self, Residual};
+use crate::mle::{Common, Fit, WidthPrior};
+use crate::noise;
 use crate::{NoiseModel, Pixel, StripeError, View};
 
 /// Lines fitted for the estimate of noise and width; spread over the image.
@@ -101,34 +101,37 @@ impl Precise {
         for _ in 0..ROUNDS {
             self.residuals.clear();
             self.widths.clear();
-            // Those without and with clipped pixels.
-            let mut fits: [Vec<(f64, Vec<Residual>, f64)>; 2] = Default::default();
-            for (i, k) in self.choice.iter().enumerate().filter_map(|(i, k)| k.map(|k| (i, k))).step_by(step)
-            {
-                let line = self.lines.line(i);
-                let mut residuals = Vec::new();
-                let fit = refine(line, &noise, self.candidates[i].as_slice(), k, held, Some(&mut residuals));
-                let Some(fit) = fit.filter(|f| f.converged && f.flux > clear * f.sigma_flux) else {
-                    continue;
-                };
-                if fit.freedom > 1.0 && fit.width < f64::from(self.options.max_width_px) {
-                    let kind = usize::from(fit.saturated > 0);
-                    fits[kind].push((fit.chi2 / fit.freedom, residuals, fit.width.ln()));
-                }
-            }
-            let [plain, clipped] = fits;
+            let chosen = Chosen { lines: &self.lines, candidates: &self.candidates, choice: &self.choice };
+            let mut place = 0;
+            let seeds = (0..self.choice.len()).map(|i| {
+                let candidate = chosen.candidate(i)?;
+                let taken = place % step == 0;
+                place += 1;
+                taken.then(|| shape(self.lines.line(i), candidate, held))
+            });
+            let common = Common { noise: &noise, width: held };
+            let residuals = self.fitter.fit_with_residuals(seeds, &chosen, common, &mut self.fits);
+            let widest = f64::from(self.options.max_width_px);
+            let clear = |f: &&Fit| {
+                f.converged && f.flux > clear * f.sigma_flux && f.freedom > 1.0 && f.width < widest
+            };
+            let count = |clipped: bool| {
+                self.fits.iter().flatten().filter(clear).filter(|f| (f.saturated > 0) == clipped).count()
+            };
             // What is left of clipped stripes tells the noise, but the width less well.
-            let whole = plain.len() >= LEAST_TRAINING;
-            let fits = if whole { plain } else { clipped };
-            if fits.len() < LEAST_TRAINING {
+            let whole = count(false) >= LEAST_TRAINING;
+            if !whole && count(true) < LEAST_TRAINING {
                 return (noise, None);
             }
-            let mut order: Vec<f64> = fits.iter().map(|f| f.0).collect();
+            let used = |f: &&Fit| clear(f) && (f.saturated == 0) == whole;
+            let excess = |f: &Fit| f.chi2 / f.freedom;
+            let mut order: Vec<f64> = self.fits.iter().flatten().filter(used).map(excess).collect();
             let limit = OUTLIER * median(&mut order);
-            for (_, residuals, ln_width) in fits.into_iter().filter(|f| f.0 <= limit) {
-                self.residuals.extend(residuals);
+            for (fit, residuals) in self.fits.iter().zip(residuals) {
+                let Some(fit) = fit.as_ref().filter(used).filter(|f| excess(f) <= limit) else { continue };
+                self.residuals.extend_from_slice(residuals);
                 if whole {
-                    self.widths.push(ln_width);
+                    self.widths.push(fit.width.ln());
                 }
             }
             explained = explained && noise::explains(&self.residuals, &noise);
