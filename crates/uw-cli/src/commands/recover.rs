@@ -58,8 +58,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         })?;
     } else {
         let verdict = match outcome {
-            Outcome::Done => "nothing was missing",
-            Outcome::WithLoss => "what is missing is told above",
+            Outcome::Done => "nothing was missing or damaged",
+            Outcome::WithLoss => "what is missing or damaged is told above",
         };
         output::print(format!("{file}: {messages} messages recovered, {bytes} bytes; {verdict}\n"))?;
     }

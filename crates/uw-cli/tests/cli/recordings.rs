@@ -75,6 +75,27 @@ fn a_calibration_from_recordings_is_that_from_their_folders() {
     assert_eq!(figures(&target), figures(Path::new(&calibration())));
 }
 
+/// What a recording holds of an image is no longer what was recorded, and its records are whole all the same.
+#[test]
+fn a_damaged_image_is_kept_and_told_of_by_recover() {
+    let (dir, capture) = (TempDir::new().unwrap(), blank_capture());
+    let path = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    let (damaged, kept) = (path("damaged.mcap"), path("kept.mcap"));
+    convert(capture.path(), Path::new(&damaged)).text();
+    assert!(uwscan(["recover", &damaged, "-o", &kept]).text().contains("nothing was missing or damaged"));
+    let mut bytes = fs::read(&damaged).unwrap();
+    // The first image's texture begins so.
+    let pixels = bytes.windows(8).position(|eight| eight == [40, 47, 43, 50, 46, 42, 49, 45]).unwrap();
+    bytes[pixels + 20] ^= 0xff;
+    fs::write(&damaged, bytes).unwrap();
+    let run = uwscan(["recover", &damaged, "-o", &kept, "--force", "--json"]);
+    let lost = &run.json(3)["lost"];
+    assert_eq!(lost.as_array().unwrap().len(), 1, "{lost}");
+    assert!(run.stderr.contains("images/0.pgm") && run.stderr.contains("CRC-32"), "{}", run.stderr);
+    let info = uwscan(["info", &kept, "--json"]).json(3);
+    assert_eq!((&info["images"], info["lost"].as_array().unwrap().len()), (&8.into(), 1), "{info}");
+}
+
 #[test]
 fn what_cannot_be_converted_is_said() {
     let (dir, capture) = (TempDir::new().unwrap(), blank_capture());
