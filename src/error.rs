@@ -193,6 +193,17 @@ pub enum Error {
     /// A plot can't be drawn.
     #[error(transparent)]
     Plot(uw_report::PlotError),
+    /// A scene file asks for what can't be simulated.
+    #[error("{}: {source}", path.display())]
+    SceneFile {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: Box<Error>,
+    },
+    /// A scene in water whose index nothing says.
+    #[error("the scene is in water, but its rig file does not say the water's index: add [water] there")]
+    SceneWithoutIndex,
     /// A thing of a scene that there can't be.
     #[error("object \"{object}\": {what}")]
     Scene {

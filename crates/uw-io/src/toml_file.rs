@@ -169,6 +169,8 @@ impl TomlFile {
             }
         } else if message.starts_with("invalid") {
             wanted(message.rsplit_once("expected ").map_or("", |(_, expected)| expected))
+        } else if message == "wanted string or table" {
+            "write one of its names between quotation marks".into()
         } else {
             "mend the TOML here".into()
         };
@@ -181,7 +183,7 @@ fn wanted(expected: &str) -> String {
     match expected {
         "f32" | "f64" => "write a number, such as 1.5".into(),
         "u8" | "u16" | "u32" | "u64" => "write a whole number from 0".into(),
-        "a string" | "string" => "write a text between quotation marks".into(),
+        "a string" | "string" | "path string" => "write a text between quotation marks".into(),
         "a sequence" => "write a list, such as [1.0, 2.0]".into(),
         e if e.starts_with("struct ") => {
             "write a table of its own: [name], then a line for each of its keys".into()

@@ -20,7 +20,7 @@ use uw_io::{GrayImage, NewFolder, Overwrite, Pixels, Problem, capture, images};
 use uw_sim::{Exposed, Picture, Renderer};
 
 pub use bench::{Placement, SimulatedCamera, simulated_camera};
-pub(crate) use plan::Plan;
+pub(crate) use plan::{Plan, of_scene};
 
 /// What a simulation made.
 #[derive(Debug)]
@@ -56,7 +56,7 @@ pub fn simulate(
     let mut notes = Notes::default();
     let made =
         Plan::read(scene, rig, &mut notes.problems).and_then(|plan| run(&plan, output, overwrite, progress));
-    match made {
+    match made.map_err(of_scene(scene)) {
         Ok((made, _)) => Ok(Simulated { problems: notes.problems, ..made }),
         Err(error) => Err(Failure { error: Box::new(error), notes }),
     }
