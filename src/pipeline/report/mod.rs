@@ -17,6 +17,7 @@ use crate::pipeline::Progress;
 use crate::pipeline::reconstruct::{self, Reconstructed, reconstruct};
 use crate::{Error, Failure, Notes};
 use scan::{Against, Made, Scan};
+use std::fs;
 use std::path::{Path, PathBuf};
 use uw_cloud::NearestOnMesh;
 use uw_io::calibration_toml::{self, CalibrationFile};
@@ -313,11 +314,36 @@ pub(crate) fn json(record: &impl serde::Serialize) -> String {
     serde_json::to_string_pretty(record).unwrap_or_default() + "\n"
 }
 
-/// Writes the texts of [`files`]: the page last, so that where it is, all is.
+/// Writes the texts of [`files`]: the page last, so that where it is, all is. Where that fails, nothing new is left.
 pub(crate) fn write_all(page: &Path, overwrite: Overwrite, texts: [&str; 3]) -> Result<[PathBuf; 3], Error> {
     let paths = files(page);
-    for (path, text) in paths.iter().zip(texts).rev() {
-        atomic::write(path, overwrite, |out| out.write_all(text.as_bytes()))?;
+    for (at, (path, text)) in paths.iter().zip(texts).enumerate().rev() {
+        let written = atomic::write(path, overwrite, |out| out.write_all(text.as_bytes()));
+        if let Err(error) = written {
+            // Those that are new here would be in the way of the next try.
+            if overwrite == Overwrite::Refuse {
+                paths[at + 1..].iter().for_each(|path| drop(fs::remove_file(path)));
+            }
+            return Err(error.into());
+        }
     }
     Ok(paths)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_report_that_cannot_be_written_leaves_nothing_new() {
+        let folder = tempfile::tempdir().unwrap();
+        let page = folder.path().join("report.html");
+        fs::write(&page, "somebody's").unwrap();
+        let texts = ["page", "{}", "a,b"];
+        assert!(write_all(&page, Overwrite::Refuse, texts).is_err());
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+        let [_, json, table] = write_all(&page, Overwrite::Replace, texts).unwrap();
+        assert_eq!(fs::read_to_string(&page).unwrap(), "page");
+        assert!(json.exists() && table.exists());
+    }
 }
