@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use anyhow::anyhow;
+use anyhow::{Context, anyhow};
 use serde::Serialize;
 use uwscan::{
     cloud::{
@@ -125,6 +125,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     atomic::check(&args.output.path, overwrite)?;
     let (mut cloud, problems) = clouds::read(&args.cloud.path)?;
     let outcome = console.problems(&problems);
+    let named = || args.cloud.path.display().to_string();
     let mut warnings = Vec::new();
     let mut record = Record {
         points_in: cloud.len(),
@@ -144,7 +145,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         cloud = cloud.selected(&kept);
     }
     if let Some(limit) = outlier_limit(args) {
-        cloud = without_outliers(&cloud, limit, &mut record)?;
+        cloud = without_outliers(&cloud, limit, &mut record).with_context(named)?;
         if record.off_sheet.is_none() {
             warnings.push(
                 "the cloud has no frame, pixel and sigma: points were judged by their distances alone"
@@ -153,16 +154,17 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         }
     }
     if args.normals {
-        let found = normals(&cloud, NORMAL_NEIGHBOURS, &args.sensor.unwrap_or_default())?;
+        let found =
+            normals(&cloud, NORMAL_NEIGHBOURS, &args.sensor.unwrap_or_default()).with_context(named)?;
         record.without_normal = Some(found.iter().filter(|n| n.is_none()).count());
         let stored = found.into_iter().map(|n| n.map_or([0.0; 3], |n| n.map(|c| c as f32))).collect();
-        cloud = cloud.with_normals(stored)?;
+        cloud = cloud.with_normals(stored).with_context(named)?;
     }
     let before = cloud.len();
     cloud = fewer(args, cloud);
     record.thinned = before - cloud.len();
     if cloud.is_empty() {
-        return Err(anyhow!("{}: no point is left", args.cloud.path.display()));
+        return Err(anyhow!("{}: no point is left", named()));
     }
     let format = if args.ascii { args.output.format.as_text() } else { args.output.format };
     clouds::write(&args.output.path, overwrite, &cloud, format)?;

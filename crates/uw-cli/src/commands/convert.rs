@@ -6,7 +6,7 @@ use anyhow::bail;
 use clap::{ValueEnum, error::ErrorKind};
 use serde::Serialize;
 use uwscan::io::{
-    Capture, Problem, atomic, calibration_toml,
+    Capture, Error, Problem, atomic, calibration_toml,
     camera_yaml::{self, Form},
     clouds,
     convert::{Converted, to_folder, to_recording},
@@ -70,6 +70,8 @@ struct Record {
 /// # Errors
 /// Nothing can be converted so, or a file can't be read or written.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
+    // What is not there has no kind, whatever its name ends in.
+    args.input.metadata().map_err(Error::file(&args.input, "open"))?;
     let is_recording =
         |path: &Path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(recording::ENDING));
     if args.input.is_dir() || is_recording(&args.input) {

@@ -135,20 +135,21 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     Ok(outcome)
 }
 
-/// The error with the file's name, and the option that helps.
+/// The error with the name of the file that it is about, or of all, and the option that helps.
 fn explained(args: &Args, error: &MergeError) -> anyhow::Error {
-    let index = match error {
+    let name = |file: &CloudFile| file.path.display().to_string();
+    let about = match error {
         MergeError::NoSurface { index, .. }
         | MergeError::NoOverlap { index, .. }
         | MergeError::Ambiguous { index, .. }
-        | MergeError::Undetermined { index, .. } => *index,
-        other => return anyhow!("{other}"),
+        | MergeError::Undetermined { index, .. } => name(&args.clouds[*index]),
+        _ => args.clouds.iter().map(name).collect::<Vec<_>>().join(", "),
     };
     let hint = match error {
         MergeError::Ambiguous { .. } | MergeError::Undetermined { .. } => " (--near MM)",
         _ => "",
     };
-    anyhow!("{}: {error}{hint}", args.clouds[index].path.display())
+    anyhow!("{about}: {error}{hint}")
 }
 
 fn placed(args: &Args, read: &[PointCloud], merged: &Merged) -> Vec<Placed> {

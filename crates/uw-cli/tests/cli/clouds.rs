@@ -134,6 +134,9 @@ fn sweeps_are_merged_where_they_overlap_and_refused_where_not() {
     let apart = cloud(&file("c.xyz"), 20..45, [0.0; 2]);
     uwscan(["merge", &left, &apart, "-o", out, "--force", "--near", "5"]).fails(&["c.xyz", "no overlap"]);
     uwscan(["merge", &left, "-o", out]).is_misused(&["2"]);
+    let few = dir.path().join("few.xyz");
+    fs::write(&few, "0 0 900\n1 0 900\n0 1 900\n").unwrap();
+    uwscan(["merge", few.to_str().unwrap(), &left, "-o", out, "--force"]).fails(&["few.xyz", "at least 6"]);
 }
 
 #[test]
@@ -156,6 +159,10 @@ fn clouds_are_cleaned_step_by_step() {
     assert_eq!(info["attributes"], serde_json::json!(["sigma", "normal"]), "{info}");
     uwscan(["clean", &points, "-o", out, "--crop", "1,2,3"]).is_misused(&["three ranges"]);
     uwscan(["clean", &points, "-o", out, "--force", "--crop", "1e6:,,"]).fails(&["no point is left"]);
+    // What has no square can't be judged by distances.
+    let far = dir.path().join("far.xyz");
+    fs::write(&far, "1e300 0 900\n1 0 900\n0 1 900\n").unwrap();
+    uwscan(["clean", far.to_str().unwrap(), "-o", out, "--force"]).fails(&["far.xyz", "point 0"]);
 }
 
 #[test]
