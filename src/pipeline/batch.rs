@@ -50,7 +50,7 @@ impl Shared {
     /// # Errors
     /// [`Error::File`] where it can't be read.
     pub fn read(path: &Path, settings: Settings) -> Result<(Self, Vec<Problem>), Error> {
-        let text = fs::read_to_string(path).map_err(uw_io::Error::file(path, "read"))?;
+        let text = calibration_toml::text(path)?;
         let (calibration, problems) = calibration_toml::parse(path, &text)?;
         let described = results::key([calibration_toml::SOFTWARE, &text, &format!("{settings:?}")]);
         Ok((Self { calibration, settings, described }, problems))

@@ -325,9 +325,9 @@ fn calibration(
 ) -> anyhow::Result<Option<(CalibrationFile, String)>> {
     let named = vehicle.calibration.as_deref().map(|path| vehicle.resolve(path));
     let Some(path) = given.map(Path::to_owned).or(named) else { return Ok(None) };
-    let (file, problems) = calibration_toml::read(&path)?;
+    let text = calibration_toml::text(&path)?;
+    let (file, problems) = calibration_toml::parse(&path, &text)?;
     console.problems(&problems);
-    let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
     Ok(Some((file, text)))
 }
 

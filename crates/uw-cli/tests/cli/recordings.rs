@@ -100,6 +100,12 @@ fn a_damaged_image_is_kept_and_told_of_by_recover() {
 fn what_cannot_be_converted_is_said() {
     let (dir, capture) = (TempDir::new().unwrap(), blank_capture());
     let path = |name: &str| dir.path().join(name);
+    for name in ["nowhere", "nowhere.ply", "nowhere.stl", "nowhere.toml"] {
+        convert(&path(name), &path("x.mcap")).fails(&[name, "cannot open", "check the path"]);
+    }
+    fs::write(capture.path().join("calibration.toml"), [0xff, 0xfe]).unwrap();
+    convert(capture.path(), &path("c.mcap")).fails(&["calibration.toml:1", "is not UTF-8 text"]);
+    fs::remove_file(capture.path().join("calibration.toml")).unwrap();
     convert(capture.path(), &path("there")).fails(&["becomes a recording", ".mcap"]);
     convert(capture.path(), &path("c.mcap")).text();
     convert(capture.path(), &path("c.mcap")).fails(&["exists already", "--force"]);
