@@ -14,7 +14,7 @@ use uwscan::{
 
 use crate::{
     cloud_file::CloudFile,
-    commands::overwrite,
+    commands::WriteArgs,
     console::Console,
     exit::Outcome,
     output::{self, Lost},
@@ -55,12 +55,8 @@ pub struct Args {
     /// Write a PLY or PCD as text rather than binary
     #[arg(long)]
     ascii: bool,
-    /// Replace the output if it exists
-    #[arg(long)]
-    force: bool,
-    /// Print one JSON object instead of text
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    written: WriteArgs,
 }
 
 /// A box, its ends infinite where they were left out.
@@ -121,7 +117,7 @@ struct Record {
 /// A file can't be read or written, or no point is left.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
-    let overwrite = overwrite(args.force);
+    let overwrite = args.written.overwrite();
     atomic::check(&args.output.path, overwrite)?;
     let (mut cloud, problems) = clouds::read(&args.cloud.path)?;
     let outcome = console.problems(&problems);
@@ -166,13 +162,13 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     if cloud.is_empty() {
         return Err(anyhow!("{}: no point is left", named()));
     }
-    let format = if args.ascii { args.output.format.as_text() } else { args.output.format };
+    let format = args.output.written_as(args.ascii);
     clouds::write(&args.output.path, overwrite, &cloud, format)?;
     warnings.iter().for_each(|warning| console.warn(warning));
     record.points = cloud.len();
     record.warnings = output::warnings(&warnings, &problems);
     record.seconds = began.elapsed().as_secs_f64();
-    if args.json {
+    if args.written.json {
         output::json(&record)?;
     } else {
         output::print(text(args, &record))?;

@@ -15,7 +15,7 @@ use uwscan::{
 };
 
 use crate::{
-    commands::overwrite,
+    commands::WriteArgs,
     console::Console,
     exit::Outcome,
     output::{self, Lost},
@@ -29,7 +29,7 @@ pub struct Args {
     input: PathBuf,
     /// What it should be: a mesh (.stl, .ply, .obj)
     reference: PathBuf,
-    /// Write the map of deviations: the points (.ply, .xyz, .csv) or the mesh (.ply) with a deviation in mm and a colour each
+    /// Write the map of deviations: the points (a cloud of any format) or the mesh (.ply) with a deviation in mm and a colour each
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Compare it where it is, without best-fit alignment
@@ -47,15 +47,11 @@ pub struct Args {
     /// Deviation of the colours at either end [default: what 95 % keep within]
     #[arg(long, value_name = "MM", value_parser = reach)]
     range: Option<f64>,
-    /// Write a PLY as text rather than binary
+    /// Write a PLY or PCD as text rather than binary
     #[arg(long)]
     ascii: bool,
-    /// Replace the output if it exists
-    #[arg(long)]
-    force: bool,
-    /// Print one JSON object instead of text
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    written: WriteArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -181,7 +177,7 @@ enum Input {
 /// A file can't be read or written, or the input does not come to lie on the reference.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
-    let overwrite = overwrite(args.force);
+    let overwrite = args.written.overwrite();
     let mut problems = Vec::new();
     let input = read(args, &mut problems)?;
     if let Some(path) = &args.output {
@@ -224,7 +220,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     }
     let mut record = record(args, &reference, &found, range, &problems);
     record.seconds = began.elapsed().as_secs_f64();
-    if args.json {
+    if args.written.json {
         output::json(&record)?;
     } else {
         output::print(text(args, &record))?;

@@ -13,7 +13,7 @@ use uwscan::{
 use crate::{
     args::usage_error,
     cloud_file::CloudFile,
-    commands::{compare::rows, overwrite},
+    commands::{WriteArgs, compare::rows},
     console::Console,
     exit::Outcome,
     output::{self, Lost},
@@ -41,12 +41,8 @@ pub struct Args {
     /// Write a PLY or PCD as text rather than binary
     #[arg(long)]
     ascii: bool,
-    /// Replace the output if it exists
-    #[arg(long)]
-    force: bool,
-    /// Print one JSON object instead of text
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    written: WriteArgs,
 }
 
 fn length(text: &str) -> Result<f64, String> {
@@ -93,7 +89,7 @@ struct Pair {
 /// A file can't be read or written, or a cloud does not overlap with the others, or in several ways.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
-    let overwrite = overwrite(args.force);
+    let overwrite = args.written.overwrite();
     atomic::check(&args.output.path, overwrite)?;
     if let Some(same) = args.clouds.iter().position(|c| c.path == args.output.path) {
         return Err(usage_error(
@@ -116,7 +112,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         Some(size) => &averaged(&merged.cloud, size),
         None => &merged.cloud,
     };
-    let format = if args.ascii { args.output.format.as_text() } else { args.output.format };
+    let format = args.output.written_as(args.ascii);
     clouds::write(&args.output.path, overwrite, cloud, format)?;
     let record = Record {
         points: cloud.len(),
@@ -127,7 +123,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         lost: output::lost(&problems),
         seconds: began.elapsed().as_secs_f64(),
     };
-    if args.json {
+    if args.written.json {
         output::json(&record)?;
     } else {
         output::print(text(args, &record))?;

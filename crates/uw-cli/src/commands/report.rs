@@ -22,7 +22,7 @@ use crate::{commands::overwrite, console::Console, exit::Outcome, now::now, outp
     [[distance]] with a, b and distance_mm) or CSV (kind,a,b,value_mm)."
 )]
 pub struct Args {
-    /// Capture folders or recordings (.mcap) of scans, and point clouds (.ply, .xyz, .csv)
+    /// Capture folders or recordings (.mcap) of scans, and point clouds (.ply, .pcd, .xyz, .csv, .e57, .las, .laz)
     #[arg(required = true, value_name = "SCAN")]
     scans: Vec<PathBuf>,
     /// Calibration file of the instrument: captures need it; to a cloud it adds its part of the uncertainty

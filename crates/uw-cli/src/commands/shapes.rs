@@ -20,7 +20,7 @@ use crate::{
 /// Arguments of `shapes`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Point cloud: .ply, .xyz or .csv
+    /// Point cloud: .ply, .pcd, .xyz, .csv, .e57, .las or .laz
     #[arg(value_parser = CloudFile::parser())]
     cloud: CloudFile,
     /// At most so many shapes, those with the most points
