@@ -22,6 +22,8 @@ use crate::{
 };
 use record::Record;
 
+pub use statistics::{CorrelatedRecord, RejectedRecord, WorstRecord};
+
 /// The `format` of a calibration file.
 pub const FORMAT: &str = "uwscan-calibration";
 /// The newest version of the calibration file that is read, and the one that is written.

@@ -23,13 +23,11 @@ use uw_cloud::NearestOnMesh;
 use uw_io::calibration_toml::{self, CalibrationFile};
 use uw_io::{Capture, Nominal, Overwrite, Problem, Severity, atomic, clouds, file_hash, meshes};
 
-pub use calibration::{
-    CalibrationReport, PairRecord, PoseRecord, RejectedRecord, WorstRecord, calibration_page,
-    write_calibration_report,
-};
+pub use calibration::{CalibrationReport, PoseRecord, calibration_page, write_calibration_report};
 pub use record::{
-    CalibrationRecord, DeviationsRecord, FORMAT, FigureRecord, FileRecord, HistogramRecord, ImageRecord,
-    ProbingRecord, Record, RelationRecord, ScanRecord, ShapeRecord, SourceRecord, SpacingRecord, VERSION,
+    CalibrationRecord, DeviationsRecord, FORMAT, FigureRecord, FileRecord, HeadRecord, HistogramRecord,
+    ImageRecord, ProbingRecord, Record, RelationRecord, ScanRecord, ShapeRecord, SourceRecord, SpacingRecord,
+    VERSION,
 };
 pub use uw_report::Page;
 
@@ -178,10 +176,7 @@ fn gather(
     let scans = bench.scans;
     let (probing, spacing) = figures::errors(&scans, nominal.as_ref());
     let record = Record {
-        format: FORMAT,
-        version: VERSION,
-        software: calibration_toml::SOFTWARE.to_owned(),
-        made: settings.made.clone(),
+        head: HeadRecord::new(FORMAT, VERSION, settings.made.clone()),
         title: settings.title.clone().unwrap_or_else(|| title(&scans)),
         warnings: Vec::new(),
         lost: Vec::new(),
