@@ -162,7 +162,7 @@ pub fn to_folder(capture: &Capture, out: &Path) -> Result<Converted, Error> {
 /// Fills a folder that must not exist yet, or be empty, whole or not at all; what `fill` returns.
 pub(crate) fn new_folder<T>(out: &Path, fill: impl FnOnce(&Path) -> Result<T, Error>) -> Result<T, Error> {
     let folder = NewFolder::begin_anew(out)?;
-    let filled = fill(folder.path())?;
+    let filled = fill(folder.path()).map_err(|error| folder.told(error))?;
     folder.finish()?;
     Ok(filled)
 }
