@@ -94,6 +94,7 @@ fn a_damaged_image_is_kept_and_told_of_by_recover() {
     assert!(run.stderr.contains("images/0.pgm") && run.stderr.contains("CRC-32"), "{}", run.stderr);
     let info = uwscan(["info", &kept, "--json"]).json(3);
     assert_eq!((&info["images"], info["lost"].as_array().unwrap().len()), (&8.into(), 1), "{info}");
+    assert!(info["warnings"][0].as_str().unwrap().contains("the figures count all rows"), "{info}");
 }
 
 #[test]
