@@ -24,6 +24,11 @@ pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     all.ok_or_else(|| format!("give {N} numbers between commas"))
 }
 
+/// So many of something: `1 shape`, `2 shapes`.
+pub fn many(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

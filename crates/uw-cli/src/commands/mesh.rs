@@ -14,7 +14,7 @@ use crate::{
     console::Console,
     exit::Outcome,
     output,
-    text::{coordinates, number},
+    text::{coordinates, many, number},
 };
 
 /// Arguments of `mesh`.
@@ -181,16 +181,16 @@ fn text(args: &Args, record: &Record) -> String {
     };
     let mut text = format!(
         "{}: {} triangles on {} vertices, {:.1} mm², {} frame, {:.2} s\n  \
-         borders      {} loops (outer borders and holes) of {} edges, {} parts\n",
+         borders      {} (outer borders and holes) of {} edges, {}\n",
         args.output.path.display(),
         record.triangles,
         record.vertices,
         record.area_mm2,
         record.frame,
         record.seconds,
-        record.boundary_loops,
+        many(record.boundary_loops, "loop"),
         record.boundary_edges,
-        record.components,
+        many(record.components, "part"),
     );
     if !record.holes.is_empty() {
         let of = |hole: &Hole| {

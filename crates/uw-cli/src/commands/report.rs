@@ -11,7 +11,9 @@ use uwscan::{
     },
 };
 
-use crate::{commands::overwrite, console::Console, exit::Outcome, now::now, output, progress::Progress};
+use crate::{
+    commands::overwrite, console::Console, exit::Outcome, now::now, output, progress::Progress, text::many,
+};
 
 /// Arguments of `report`.
 #[derive(Debug, clap::Args)]
@@ -99,7 +101,6 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
 fn text(record: &Record) -> String {
     let points: usize = record.scans.iter().map(|scan| scan.points).sum();
     let shapes: usize = record.scans.iter().map(|scan| scan.shapes.len()).sum();
-    let many = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
     let counts = [many(record.scans.len(), "scan"), many(points, "point"), many(shapes, "shape")];
     counts.join(", ")
 }
