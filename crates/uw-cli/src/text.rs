@@ -1,4 +1,6 @@
-//! Numbers as arguments.
+//! Numbers as arguments, and in sentences.
+
+use std::str::FromStr;
 
 /// A number from `low` to `high`, in a unit.
 pub fn number(text: &str, low: f64, high: f64, unit: &str) -> Result<f64, String> {
@@ -7,6 +9,11 @@ pub fn number(text: &str, low: f64, high: f64, unit: &str) -> Result<f64, String
         Ok(_) => Err(format!("give a number from {low} to {high}{unit}")),
         Err(e) => Err(e.to_string()),
     }
+}
+
+/// A whole number from 1.
+pub fn positive<T: FromStr>(text: &str) -> Result<T, String> {
+    text.parse().map_err(|_| "give a whole number from 1".to_owned())
 }
 
 /// Three coordinates between commas, mm.

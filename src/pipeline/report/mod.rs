@@ -224,6 +224,10 @@ impl Bench<'_> {
             let of = (name(path), settings.hashed(path)?);
             return Scan::measure(of, cloud, None, &self.against, &mut notes.warnings);
         }
+        // A PLY without faces is a cloud, and was one above.
+        if meshes::Format::of(path).is_ok() && path.is_file() {
+            return Err(Error::MeshForCloud { path: path.to_owned() });
+        }
         // What is no capture is told so before a calibration is asked for.
         Capture::open_noting(path, None, &mut Vec::new())?;
         let calibration =

@@ -234,6 +234,13 @@ fn read(args: &Args, problems: &mut Vec<Problem>) -> anyhow::Result<Input> {
         problems.extend(found);
         return Ok(Input::Mesh(mesh));
     }
+    if clouds::Format::of(&args.input).is_err() {
+        bail!(
+            "{}: this is neither a point cloud, whose name ends in {}, nor a mesh, whose name ends in .ply, .stl or .obj",
+            args.input.display(),
+            clouds::ENDINGS
+        );
+    }
     let (cloud, found) = clouds::read(&args.input)?;
     problems.extend(found);
     Ok(Input::Cloud(cloud))

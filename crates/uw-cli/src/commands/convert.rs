@@ -206,6 +206,12 @@ fn capture(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
 
 fn cloud(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let overwrite = overwrite(args.force);
+    if clouds::Format::of(&args.input).is_ok()
+        && clouds::Format::of(&args.output).is_err()
+        && meshes::Format::of(&args.output).is_ok()
+    {
+        bail!("{}: a cloud becomes a mesh by `uwscan mesh`, which finds its surface", args.output.display());
+    }
     let format = clouds::Format::of(&args.output)?;
     atomic::check(&args.output, overwrite)?;
     let (cloud, problems) = clouds::read(&args.input)?;

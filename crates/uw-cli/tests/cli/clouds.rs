@@ -78,6 +78,13 @@ fn a_cloud_is_aligned_with_its_reference_and_mapped() {
     let info = uwscan(["info", map, "--json"]).json(0);
     assert_eq!(info["attributes"], serde_json::json!(["sigma", "deviation", "color"]), "{info}");
     uwscan(["compare", &points, &mesh, "-o", map]).fails(&["exists already"]);
+    uwscan(["compare", "notes.txt", &mesh]).fails(&[
+        "notes.txt",
+        "neither a point cloud",
+        ".pcd",
+        "nor a mesh",
+        ".stl",
+    ]);
     let said = uwscan(["compare", &points, &mesh, "--no-align"]);
     // An open reference is warned of.
     assert!(
@@ -182,6 +189,7 @@ fn clouds_and_meshes_are_converted_by_their_endings() {
         );
         from = to;
     }
+    uwscan(["convert", &from, &file("n.stl")]).fails(&["n.stl", "uwscan mesh"]);
     let mut from = reference(&dir.path().join("m.obj"), 1.0);
     for ending in ["stl", "ply", "obj"] {
         let to = file(&format!("n.{ending}"));
