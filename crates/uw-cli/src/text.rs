@@ -11,6 +11,16 @@ pub fn number(text: &str, low: f64, high: f64, unit: &str) -> Result<f64, String
     }
 }
 
+/// A length, mm.
+pub fn length(text: &str) -> Result<f64, String> {
+    number(text, 1e-6, 1e6, " mm")
+}
+
+/// A share of a whole.
+pub fn share(text: &str) -> Result<f64, String> {
+    number(text, 0.0, 1.0, "")
+}
+
 /// A whole number from 1.
 pub fn positive<T: FromStr>(text: &str) -> Result<T, String> {
     text.parse().map_err(|_| "give a whole number from 1".to_owned())

@@ -18,7 +18,7 @@ use crate::{
     console::Console,
     exit::Outcome,
     output::{self, Lost},
-    text::{coordinates, number},
+    text::{coordinates, length, number},
 };
 
 /// Arguments of `clean`.
@@ -90,10 +90,6 @@ fn region(text: &str) -> Result<Region, String> {
 
 fn limit(text: &str) -> Result<f64, String> {
     number(text, 1.0, 100.0, "")
-}
-
-fn length(text: &str) -> Result<f64, String> {
-    number(text, 1e-6, 1e6, " mm")
 }
 
 #[derive(Serialize)]

@@ -19,7 +19,7 @@ use crate::{
     console::Console,
     exit::Outcome,
     output::{self, Lost},
-    text::number,
+    text::{length, share},
 };
 
 /// Arguments of `compare`.
@@ -36,7 +36,7 @@ pub struct Args {
     #[arg(long)]
     no_align: bool,
     /// Align from where it is, which is right to within this distance, rather than from anywhere
-    #[arg(long, value_name = "MM", value_parser = reach, conflicts_with = "no_align")]
+    #[arg(long, value_name = "MM", value_parser = length, conflicts_with = "no_align")]
     near: Option<f64>,
     /// Share of the points that must come to lie on the reference
     #[arg(long, value_name = "SHARE", default_value = "0.2", value_parser = share)]
@@ -45,7 +45,7 @@ pub struct Args {
     #[arg(long, value_name = "UNIT", default_value = "mm")]
     unit: Unit,
     /// Deviation of the colours at either end [default: what 95 % keep within]
-    #[arg(long, value_name = "MM", value_parser = reach)]
+    #[arg(long, value_name = "MM", value_parser = length)]
     range: Option<f64>,
     /// Write a PLY or PCD as text rather than binary
     #[arg(long)]
@@ -71,14 +71,6 @@ impl Unit {
             Self::In => 25.4,
         }
     }
-}
-
-fn reach(text: &str) -> Result<f64, String> {
-    number(text, 1e-6, 1e6, " mm")
-}
-
-fn share(text: &str) -> Result<f64, String> {
-    number(text, 0.0, 1.0, "")
 }
 
 #[derive(Serialize)]

@@ -17,7 +17,7 @@ use crate::{
     console::Console,
     exit::Outcome,
     output::{self, Lost},
-    text::number,
+    text::{length, share},
 };
 
 /// Arguments of `merge`.
@@ -43,14 +43,6 @@ pub struct Args {
     ascii: bool,
     #[command(flatten)]
     written: WriteArgs,
-}
-
-fn length(text: &str) -> Result<f64, String> {
-    number(text, 1e-6, 1e6, " mm")
-}
-
-fn share(text: &str) -> Result<f64, String> {
-    number(text, 0.0, 1.0, "")
 }
 
 #[derive(Serialize)]
