@@ -5,17 +5,9 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 . scripts/toolchain.sh
+. scripts/packages.sh
 
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-venv=${UWSCAN_CLOUD_VENV:-$work/venv}
-if [ ! -x "$venv/bin/python" ]; then
-    if ! { python3 -m venv "$venv" && "$venv/bin/pip" install --quiet --disable-pip-version-check \
-        'plyfile>=1.0' 'pypcd4>=1.0' 'laspy[lazrs]>=2.5' 'pye57>=0.4' 'trimesh>=4.4' numpy; } >"$work/pip.log" 2>&1; then
-        echo "skipped: no Python packages to read clouds with ($(tail -n 1 "$work/pip.log"))"
-        exit 0
-    fi
-fi
+packages "${UWSCAN_CLOUD_VENV:-}" python "read clouds" 'plyfile>=1.0' 'pypcd4>=1.0' 'laspy[lazrs]>=2.5' 'pye57>=0.4' 'trimesh>=4.4' numpy
 cargo build --release --locked --quiet --package uw-io --features las --example clouds
 "${CARGO_TARGET_DIR:-target}/release/examples/clouds" "$work"
 "$venv/bin/python" scripts/clouds.py "$work"

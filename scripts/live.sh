@@ -5,17 +5,9 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 . scripts/toolchain.sh
+. scripts/packages.sh
 
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-venv=${UWSCAN_LIVE_VENV:-$work/venv}
-if [ ! -x "$venv/bin/python" ]; then
-    if ! { python3 -m venv "$venv" && "$venv/bin/pip" install --quiet --disable-pip-version-check \
-        'websockets>=13' 'protobuf>=5'; } >"$work/pip.log" 2>&1; then
-        echo "skipped: no Python packages to read streams with ($(tail -n 1 "$work/pip.log"))"
-        exit 0
-    fi
-fi
+packages "${UWSCAN_LIVE_VENV:-}" python "read streams" 'websockets>=13' 'protobuf>=5'
 if [ -z "${UWSCAN:-}" ]; then
     cargo build --release --locked --quiet --package uw-cli --bin uwscan
     UWSCAN=${CARGO_TARGET_DIR:-target}/release/uwscan

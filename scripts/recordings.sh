@@ -5,17 +5,10 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 . scripts/toolchain.sh
+. scripts/packages.sh
 
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-venv=${UWSCAN_VENV:-$work/venv}
-if [ ! -x "$venv/bin/pymcap-cli" ]; then
-    if ! { python3 -m venv "$venv" && "$venv/bin/pip" install --quiet --disable-pip-version-check \
-        'mcap>=1.2' 'mcap-protobuf-support>=0.5' 'pymcap-cli>=0.5' 'rosbags>=0.10' numpy pillow pyyaml opencv-python-headless; } >"$work/pip.log" 2>&1; then
-        echo "skipped: no Python packages to read recordings with ($(tail -n 1 "$work/pip.log"))"
-        exit 0
-    fi
-fi
+packages "${UWSCAN_VENV:-}" pymcap-cli "read recordings" \
+    'mcap>=1.2' 'mcap-protobuf-support>=0.5' 'pymcap-cli>=0.5' 'rosbags>=0.10' numpy pillow pyyaml opencv-python-headless
 PATH=$venv/bin:$PATH
 cargo build --release --locked --quiet --package uw-cli --bin uwscan
 cargo build --release --locked --quiet --package uw-io --example record

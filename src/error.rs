@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use uw_calib::{CalibError, Rejected};
-use uw_io::Problem;
+use uw_io::{NewFolder, Problem};
 use uw_stripe::StripeError;
 
 /// Why a job has no result, and what had been noticed by then, which may well be the cause.
@@ -13,6 +13,14 @@ pub struct Failure {
     pub error: Box<Error>,
     /// All else that was noticed.
     pub notes: Notes,
+}
+
+impl Failure {
+    /// The same, files in a folder that was being filled by the names that they would have had in place.
+    pub fn told_by(self, folder: &NewFolder) -> Self {
+        let error = Box::new(self.error.told_by(folder));
+        Self { error, ..self }
+    }
 }
 
 /// What a job notices besides its result.
@@ -193,6 +201,17 @@ pub enum Error {
     /// A plot can't be drawn.
     #[error(transparent)]
     Plot(uw_report::PlotError),
+    /// A scene file asks for what can't be simulated.
+    #[error("{}: {source}", path.display())]
+    SceneFile {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: Box<Error>,
+    },
+    /// A scene in water whose index nothing says.
+    #[error("the scene is in water, but its rig file does not say the water's index: add [water] there")]
+    SceneWithoutIndex,
     /// A thing of a scene that there can't be.
     #[error("object \"{object}\": {what}")]
     Scene {
@@ -245,6 +264,16 @@ pub enum Error {
         /// The one that it equals.
         other: PathBuf,
     },
+}
+
+impl Error {
+    /// The same, a file in a folder that was being filled by the name that it would have had in place.
+    pub fn told_by(self, folder: &NewFolder) -> Self {
+        match self {
+            Self::File(error) => Self::File(folder.told(error)),
+            other => other,
+        }
+    }
 }
 
 /// The counts that are not zero, the largest first, and what the less obvious mean.

@@ -160,7 +160,9 @@ impl IntoPyErr for Error {
             | Self::NothingLeft { .. }
             | Self::NoRecording { .. }
             | Self::Twice { .. } => Class::Capture,
-            Self::Simulation(_) | Self::Scene { .. } => Class::Simulation,
+            Self::Simulation(_) | Self::Scene { .. } | Self::SceneFile { .. } | Self::SceneWithoutIndex => {
+                Class::Simulation
+            }
             _ => Class::Uwscan,
         };
         error(py, class, self.to_string())

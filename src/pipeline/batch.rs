@@ -50,7 +50,7 @@ impl Shared {
     /// # Errors
     /// [`Error::File`] where it can't be read.
     pub fn read(path: &Path, settings: Settings) -> Result<(Self, Vec<Problem>), Error> {
-        let text = fs::read_to_string(path).map_err(uw_io::Error::file(path, "read"))?;
+        let text = calibration_toml::text(path)?;
         let (calibration, problems) = calibration_toml::parse(path, &text)?;
         let described = results::key([calibration_toml::SOFTWARE, &text, &format!("{settings:?}")]);
         Ok((Self { calibration, settings, described }, problems))
@@ -78,10 +78,11 @@ pub struct Batch {
     pub problems: Vec<Problem>,
 }
 
-/// The recordings under a folder, in the order of their names: capture folders, and files that end in `.mcap`.
+/// The recordings under a folder, in the order of their names: capture folders, and files that end in `.mcap`. A folder below it that can't be
+/// listed counts as one: what is in it nobody knows.
 ///
 /// # Errors
-/// [`Error::File`] where a folder can't be read, [`Error::NoRecording`] where there is none.
+/// [`Error::File`] where the folder can't be listed, [`Error::NoRecording`] where there is none.
 pub fn jobs(folder: &Path) -> Result<Vec<Job>, Error> {
     let mut found = Vec::new();
     look(folder, "", &mut found)?;
@@ -101,7 +102,10 @@ fn look(folder: &Path, prefix: &str, found: &mut Vec<Job>) -> Result<(), Error> 
         if path.join("capture.toml").is_file() || (is_recording && path.is_file()) {
             found.push(Job { name, path });
         } else if path.is_dir() && !path.is_symlink() {
-            look(&path, &format!("{name}/"), found)?;
+            // One that can't be listed is a job that fails by itself: its row of the table says why.
+            if look(&path, &format!("{name}/"), found).is_err() {
+                found.push(Job { name, path });
+            }
         }
     }
     Ok(())
@@ -299,4 +303,27 @@ pub fn write_table(output: &Path, records: &[ResultRecord]) -> Result<PathBuf, E
 /// The results of recordings that have one, in the order of `jobs`.
 pub fn recorded(jobs: &[Job], output: &Path) -> Vec<ResultRecord> {
     jobs.iter().filter_map(|job| results::read(&beside(output, job, RESULT)).ok()).collect()
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    #[test]
+    fn a_folder_that_cannot_be_listed_fails_by_itself() {
+        let archive = tempfile::tempdir().unwrap();
+        for name in ["one", "lost+found"] {
+            fs::create_dir(archive.path().join(name)).unwrap();
+        }
+        fs::write(archive.path().join("one/capture.toml"), "").unwrap();
+        let locked = archive.path().join("lost+found");
+        fs::set_permissions(&locked, fs::Permissions::from_mode(0o000)).unwrap();
+        // Nothing is locked before root: then it is a folder with nothing in it.
+        let names: Vec<String> = jobs(archive.path()).unwrap().into_iter().map(|job| job.name).collect();
+        match fs::read_dir(&locked) {
+            Ok(_) => assert_eq!(names, ["one"]),
+            Err(_) => assert_eq!(names, ["lost+found", "one"]),
+        }
+    }
 }

@@ -14,7 +14,7 @@
 //! | capture | `capture` | instrument, board | capture folder of a calibration | whether a placement is kept, what the set lacks | [`capture::Taken`] says why it is not; [`crate::Error`] |
 //! | doctor | `doctor` | vehicle file | findings: what is wrong, where, and how to mend it | what a scan needs of files, drives, camera, disk, clock | a finding |
 //! | report | [`report`] | scans, clouds, nominal values, a reference | one page, JSON, CSV | which ball is which, what is shown | [`crate::Failure`] |
-//! | simulate | `simulate` | scene file | capture, truth | true instrument, scene at each exposure | [`crate::Error::Simulation`] |
+//! | simulate | `simulate` | scene file | capture, truth | true instrument, scene at each exposure | [`crate::Error::SceneFile`] |
 //! | demo | `demo` | scenes compiled in | figures beside their truth | what has to come out how well | [`crate::Failure`] |
 //! | reproduce | [`reproduce`] | seed | the paper's experiments, its method and ours | – | [`crate::Failure`] |
 //! | batch | [`batch`] | folder of recordings, calibration | a cloud and a result each, one table | what is there already, what is no scan | a recording that fails is a row of the table |

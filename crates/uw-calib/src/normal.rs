@@ -178,18 +178,6 @@ impl Normal {
         }
     }
 
-    /// Adds the prior (value − expected) / sigma on one global parameter.
-    ///
-    /// # Panics
-    /// When `index` is not below `shape.globals`.
-    pub fn add_prior(&mut self, index: usize, deviation: f64, sigma: f64) {
-        let residual = deviation / sigma;
-        self.h_gg[(index, index)] += sigma.powi(-2);
-        self.g_g[index] += residual / sigma;
-        self.cost += residual * residual;
-        self.rows += 1;
-    }
-
     fn merge(&mut self, other: &Self) {
         self.h_gg += &other.h_gg;
         self.g_g += &other.g_g;

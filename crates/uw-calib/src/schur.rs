@@ -215,7 +215,9 @@ mod tests {
             Some(())
         })
         .unwrap();
-        normal.add_prior(3, 0.2, 0.01);
+        // A prior is a row without a pose.
+        let d_globals = [0.0, 0.0, 0.0, 100.0, 0.0];
+        normal.add(&[Row { residual: 20.0, d_globals: &d_globals, d_pose: [0.0; 6] }], None, Loss::Squared);
         normal
     }
 

@@ -22,6 +22,11 @@ impl CloudFile {
             Ok::<_, uwscan::io::Error>(Self { path, format })
         })
     }
+
+    /// The format to write: as text where that is asked for and the format has it.
+    pub fn written_as(&self, text: bool) -> Format {
+        if text { self.format.as_text() } else { self.format }
+    }
 }
 
 /// A mesh's file, of a format that is known.
@@ -40,5 +45,10 @@ impl MeshFile {
             let format = meshes::Format::of(&path)?;
             Ok::<_, uwscan::io::Error>(Self { path, format })
         })
+    }
+
+    /// The format to write, as [`CloudFile::written_as`].
+    pub fn written_as(&self, text: bool) -> meshes::Format {
+        if text { self.format.as_text() } else { self.format }
     }
 }

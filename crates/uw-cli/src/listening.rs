@@ -127,8 +127,7 @@ impl Listening {
 /// The token of a file, or of the environment.
 fn token(file: Option<&Path>, variable: &str) -> anyhow::Result<Option<Token>> {
     if let Some(path) = file {
-        let text =
-            std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let text = std::fs::read_to_string(path).map_err(uwscan::io::Error::file(path, "read"))?;
         return Ok(Some(Token::new(&text).with_context(|| path.display().to_string())?));
     }
     match std::env::var(variable) {

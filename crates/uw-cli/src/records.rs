@@ -2,7 +2,10 @@
 
 use nalgebra::DMatrix;
 use serde::Serialize;
-use uwscan::cloud::{CircleFit, CylinderFit, Deviations, PlaneFit, ShapeFit, SphereFit};
+use uwscan::{
+    cloud::{CircleFit, CylinderFit, Deviations, PlaneFit, ShapeFit, SphereFit},
+    pipeline::report::HistogramRecord,
+};
 
 use crate::output::{decimals, plus_minus};
 
@@ -97,20 +100,11 @@ pub struct Rest {
     max_inside_mm: f64,
     scale: Option<f64>,
     floor_mm: Option<f64>,
-    histogram: Histogram,
-}
-
-/// How many points lie how far off: classes of equal width between two distances.
-#[derive(Serialize)]
-struct Histogram {
-    from_mm: f64,
-    to_mm: f64,
-    counts: Vec<usize>,
+    histogram: HistogramRecord,
 }
 
 impl Rest {
     fn new(d: &Deviations) -> Self {
-        let reach = d.histogram.reach_mm;
         Self {
             points: d.points,
             outliers: d.outliers,
@@ -120,7 +114,7 @@ impl Rest {
             max_inside_mm: d.max_inside_mm,
             scale: d.scale,
             floor_mm: d.floor_mm,
-            histogram: Histogram { from_mm: -reach, to_mm: reach, counts: d.histogram.counts.to_vec() },
+            histogram: (&d.histogram).into(),
         }
     }
 }

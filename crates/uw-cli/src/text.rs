@@ -1,4 +1,6 @@
-//! Numbers as arguments.
+//! Numbers as arguments, and in sentences.
+
+use std::str::FromStr;
 
 /// A number from `low` to `high`, in a unit.
 pub fn number(text: &str, low: f64, high: f64, unit: &str) -> Result<f64, String> {
@@ -7,6 +9,21 @@ pub fn number(text: &str, low: f64, high: f64, unit: &str) -> Result<f64, String
         Ok(_) => Err(format!("give a number from {low} to {high}{unit}")),
         Err(e) => Err(e.to_string()),
     }
+}
+
+/// A length, mm.
+pub fn length(text: &str) -> Result<f64, String> {
+    number(text, 1e-6, 1e6, " mm")
+}
+
+/// A share of a whole.
+pub fn share(text: &str) -> Result<f64, String> {
+    number(text, 0.0, 1.0, "")
+}
+
+/// A whole number from 1.
+pub fn positive<T: FromStr>(text: &str) -> Result<T, String> {
+    text.parse().map_err(|_| "give a whole number from 1".to_owned())
 }
 
 /// Three coordinates between commas, mm.
@@ -22,6 +39,11 @@ pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
         .collect();
     let all = parsed.and_then(|values| <[f64; N]>::try_from(values).ok());
     all.ok_or_else(|| format!("give {N} numbers between commas"))
+}
+
+/// So many of something: `1 shape`, `2 shapes`.
+pub fn many(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 #[cfg(test)]

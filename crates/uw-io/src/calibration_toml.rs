@@ -18,9 +18,11 @@ use crate::{
     capture::Medium,
     error::{Error, Place, Problem},
     rig::Rig,
-    toml_file::TomlFile,
+    toml_file::{self, TomlFile},
 };
 use record::Record;
+
+pub use statistics::{CorrelatedRecord, RejectedRecord, WorstRecord};
 
 /// The `format` of a calibration file.
 pub const FORMAT: &str = "uwscan-calibration";
@@ -81,6 +83,14 @@ impl Fault {
 /// calibration holds: numbers that are not finite, axes that are not square to each other, a covariance that is none.
 pub fn read(path: &Path) -> Result<(CalibrationFile, Vec<Problem>), Error> {
     checked(&TomlFile::read(path, FORMAT, VERSION)?)
+}
+
+/// The text of a calibration file, for who keeps it beside what [`parse`] reads in it.
+///
+/// # Errors
+/// [`Error`] where the file cannot be read, or is no text.
+pub fn text(path: &Path) -> Result<String, Error> {
+    toml_file::text(path)
 }
 
 /// The calibration in a file's text, as [`read`]; `path` names it in errors.

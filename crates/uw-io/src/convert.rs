@@ -11,6 +11,7 @@ use crate::{
     folder::NewFolder,
     images::{self, FileFormat, Stored},
     recording::{Head, Options, Picture, Recorder, Shot, Through, topics},
+    toml_file,
 };
 
 /// What came of a conversion.
@@ -34,12 +35,9 @@ pub fn to_recording(capture: &Capture, out: &Path, overwrite: Overwrite) -> Resu
         let what = "is a recording already";
         return Err(Error::content(Place::file(&capture.path), what, "give a folder as the output"));
     }
-    let attached = |name: &str| {
-        let path = capture.path.join(name);
-        match fs::read_to_string(&path) {
-            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
-            read => read.map(Some).map_err(Error::file(&path, "read")),
-        }
+    let attached = |name: &str| match toml_file::text(&capture.path.join(name)) {
+        Err(Error::File { source, .. }) if source.kind() == io::ErrorKind::NotFound => Ok(None),
+        read => read.map(Some),
     };
     let mut head = Head::new(capture.kind, capture.medium, capture.target.clone());
     head.scan_id = capture.content_hash()?;
@@ -164,7 +162,7 @@ pub fn to_folder(capture: &Capture, out: &Path) -> Result<Converted, Error> {
 /// Fills a folder that must not exist yet, or be empty, whole or not at all; what `fill` returns.
 pub(crate) fn new_folder<T>(out: &Path, fill: impl FnOnce(&Path) -> Result<T, Error>) -> Result<T, Error> {
     let folder = NewFolder::begin_anew(out)?;
-    let filled = fill(folder.path())?;
+    let filled = fill(folder.path()).map_err(|error| folder.told(error))?;
     folder.finish()?;
     Ok(filled)
 }

@@ -155,6 +155,22 @@ impl Error {
         }
     }
 
+    /// The same error about a file of another name.
+    pub(crate) fn about(mut self, other: PathBuf) -> Self {
+        match &mut self {
+            Self::File { path, .. }
+            | Self::Image { path, .. }
+            | Self::ImageSize { path, .. }
+            | Self::Ending { path }
+            | Self::MeshEnding { path }
+            | Self::Exists { path } => *path = other,
+            Self::Format { place, .. } | Self::Version { place, .. } | Self::Content { place, .. } => {
+                place.path = other;
+            }
+        }
+        self
+    }
+
     /// The error of a file for which the system refused an `action` ("write", "open"), from the system's own.
     pub fn file(path: &Path, action: &'static str) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::File { path: path.to_owned(), action, source }

@@ -59,6 +59,18 @@ impl NewFolder {
         self.filling.path()
     }
 
+    /// An error about a file in here, by the name that it would have had in place: the folder that it was written into is gone by the time that
+    /// somebody reads of it.
+    pub fn told(&self, error: Error) -> Error {
+        match error.path().strip_prefix(self.path()) {
+            Ok(inside) => {
+                let name = self.target.join(inside);
+                error.about(name)
+            }
+            Err(_) => error,
+        }
+    }
+
     /// Puts the folder in place.
     ///
     /// # Errors
@@ -128,4 +140,22 @@ fn check(target: &Path, overwrite: Overwrite, marker: Option<&str>) -> Result<()
         return Err(Error::content(Place::file(beside), what, "make it first, or check the path"));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_name_files_by_their_places_to_be() {
+        let beside = tempfile::tempdir().unwrap();
+        let (target, other) = (beside.path().join("demo"), beside.path().join("rig.toml"));
+        let folder = NewFolder::begin_anew(&target).unwrap();
+        let full = |path: &Path| Error::file(path, "write")(io::ErrorKind::StorageFull.into());
+        assert_eq!(
+            folder.told(full(&folder.path().join("images/3.png"))).path(),
+            target.join("images/3.png")
+        );
+        assert_eq!(folder.told(full(&other)).path(), other);
+    }
 }

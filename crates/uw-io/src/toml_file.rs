@@ -31,6 +31,11 @@ const TABLES: [&str; 12] = [
     "water",
 ];
 
+/// A TOML file's text.
+pub(crate) fn text(path: &Path) -> Result<String, Error> {
+    text::read(path, LIMIT)
+}
+
 /// A TOML file of a known format, whose keys can be found again when one of them is wrong.
 pub(crate) struct TomlFile {
     path: PathBuf,
@@ -40,7 +45,7 @@ pub(crate) struct TomlFile {
 impl TomlFile {
     /// Reads a file and checks that it declares `format` and a version up to `version`.
     pub fn read(path: &Path, format: &'static str, version: u32) -> Result<Self, Error> {
-        Self::of_text(path, text::read(path, LIMIT)?, format, version)
+        Self::of_text(path, text(path)?, format, version)
     }
 
     /// As [`TomlFile::read`], from the file's text.
@@ -169,6 +174,8 @@ impl TomlFile {
             }
         } else if message.starts_with("invalid") {
             wanted(message.rsplit_once("expected ").map_or("", |(_, expected)| expected))
+        } else if message == "wanted string or table" {
+            "write one of its names between quotation marks".into()
         } else {
             "mend the TOML here".into()
         };
@@ -181,10 +188,13 @@ fn wanted(expected: &str) -> String {
     match expected {
         "f32" | "f64" => "write a number, such as 1.5".into(),
         "u8" | "u16" | "u32" | "u64" => "write a whole number from 0".into(),
-        "a string" | "string" => "write a text between quotation marks".into(),
+        "a string" | "string" | "path string" => "write a text between quotation marks".into(),
         "a sequence" => "write a list, such as [1.0, 2.0]".into(),
         e if e.starts_with("struct ") => {
             "write a table of its own: [name], then a line for each of its keys".into()
+        }
+        e if e.starts_with("an array of length ") => {
+            format!("write {} values between brackets", &e["an array of length ".len()..])
         }
         e if e.ends_with(" values") => format!("write {e}, no more and no fewer"),
         _ => "mend the value".into(),

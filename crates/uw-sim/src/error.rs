@@ -24,6 +24,14 @@ pub enum SimError {
         /// How many there are.
         vertices: usize,
     },
+    /// One of the scene's objects can't be.
+    #[error("object \"{object}\": {source}")]
+    Object {
+        /// Its name.
+        object: String,
+        /// What is wrong with it.
+        source: Box<SimError>,
+    },
     /// The instrument's model can't be evaluated: a fan that does not leave through its window, and the like.
     #[error(transparent)]
     Geometry(#[from] GeomError),

@@ -153,7 +153,7 @@ impl Scene {
     /// Checks every figure.
     ///
     /// # Errors
-    /// [`SimError::Invalid`] names the first that no scene has.
+    /// [`SimError::Invalid`] names the first that no scene has, [`SimError::Object`] with the object that has it.
     pub fn check(&self) -> Result<(), SimError> {
         let least_0 = |what, value| within(what, "0 or more", 0.0..=f64::MAX, value).map(drop);
         for medium in [self.water.laser, self.water.ambient] {
@@ -163,28 +163,37 @@ impl Scene {
         least_0("backscatter", self.water.backscatter_per_mm)?;
         least_0("ambient light", self.ambient.laser_off)?;
         least_0("ambient light", self.ambient.laser_on)?;
-        for object in &self.objects {
-            object.shape.check()?;
-            let Surface { albedo, specular, shininess, texture } = object.surface;
-            let mut fractions = vec![("albedo", albedo), ("the specular share", specular)];
-            let positive = |what, value| within(what, "positive", f64::MIN_POSITIVE..=f64::MAX, value);
-            match texture {
-                Texture::Plain => {}
-                Texture::Chessboard { square_mm, dark, .. } => {
-                    positive("a square's side", square_mm)?;
-                    fractions.push(("the dark squares' albedo", dark));
-                }
-                Texture::Tiles { pitch_mm, joint_mm, dark } => {
-                    positive("the tiles' pitch", pitch_mm)?;
-                    within("a joint's width", "less than the pitch", 0.0..=pitch_mm, joint_mm)?;
-                    fractions.push(("the joints' albedo", dark));
-                }
+        self.objects.iter().try_for_each(|object| {
+            object
+                .shape
+                .check()
+                .and_then(|()| object.surface.check())
+                .map_err(|source| SimError::Object { object: object.name.clone(), source: Box::new(source) })
+        })
+    }
+}
+
+impl Surface {
+    /// Checks every figure.
+    fn check(&self) -> Result<(), SimError> {
+        let Self { albedo, specular, shininess, texture } = *self;
+        let mut fractions = vec![("albedo", albedo), ("the specular share", specular)];
+        let positive = |what, value| within(what, "positive", f64::MIN_POSITIVE..=f64::MAX, value);
+        match texture {
+            Texture::Plain => {}
+            Texture::Chessboard { square_mm, dark, .. } => {
+                positive("a square's side", square_mm)?;
+                fractions.push(("the dark squares' albedo", dark));
             }
-            for (what, value) in fractions {
-                within(what, "from 0 to 1", 0.0..=1.0, value)?;
+            Texture::Tiles { pitch_mm, joint_mm, dark } => {
+                positive("the tiles' pitch", pitch_mm)?;
+                within("a joint's width", "less than the pitch", 0.0..=pitch_mm, joint_mm)?;
+                fractions.push(("the joints' albedo", dark));
             }
-            within("shininess", "from 0 to 10000", 0.0..=1e4, shininess)?;
         }
-        Ok(())
+        for (what, value) in fractions {
+            within(what, "from 0 to 1", 0.0..=1.0, value)?;
+        }
+        within("shininess", "from 0 to 10000", 0.0..=1e4, shininess).map(drop)
     }
 }

@@ -33,7 +33,7 @@ impl Bench {
     /// The bench of a vehicle.
     ///
     /// # Errors
-    /// [`Error::File`] for a recording or scene that can't be read; [`Error::Simulation`] for a scene that can't be.
+    /// [`Error::File`] for a recording or scene that can't be read; [`Error::SceneFile`] for a scene that can't be.
     pub(crate) fn new(vehicle: &Vehicle, rig: &Rig) -> Result<Self, Error> {
         let timeline = timeline(vehicle);
         let mut bench =

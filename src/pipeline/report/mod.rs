@@ -17,18 +17,17 @@ use crate::pipeline::Progress;
 use crate::pipeline::reconstruct::{self, Reconstructed, reconstruct};
 use crate::{Error, Failure, Notes};
 use scan::{Against, Made, Scan};
+use std::fs;
 use std::path::{Path, PathBuf};
 use uw_cloud::NearestOnMesh;
 use uw_io::calibration_toml::{self, CalibrationFile};
 use uw_io::{Capture, Nominal, Overwrite, Problem, Severity, atomic, clouds, file_hash, meshes};
 
-pub use calibration::{
-    CalibrationReport, PairRecord, PoseRecord, RejectedRecord, WorstRecord, calibration_page,
-    write_calibration_report,
-};
+pub use calibration::{CalibrationReport, PoseRecord, calibration_page, write_calibration_report};
 pub use record::{
-    CalibrationRecord, DeviationsRecord, FORMAT, FigureRecord, FileRecord, HistogramRecord, ImageRecord,
-    ProbingRecord, Record, RelationRecord, ScanRecord, ShapeRecord, SourceRecord, SpacingRecord, VERSION,
+    CalibrationRecord, DeviationsRecord, FORMAT, FigureRecord, FileRecord, HeadRecord, HistogramRecord,
+    ImageRecord, ProbingRecord, Record, RelationRecord, ScanRecord, ShapeRecord, SourceRecord, SpacingRecord,
+    VERSION,
 };
 pub use uw_report::Page;
 
@@ -177,10 +176,7 @@ fn gather(
     let scans = bench.scans;
     let (probing, spacing) = figures::errors(&scans, nominal.as_ref());
     let record = Record {
-        format: FORMAT,
-        version: VERSION,
-        software: calibration_toml::SOFTWARE.to_owned(),
-        made: settings.made.clone(),
+        head: HeadRecord::new(FORMAT, VERSION, settings.made.clone()),
         title: settings.title.clone().unwrap_or_else(|| title(&scans)),
         warnings: Vec::new(),
         lost: Vec::new(),
@@ -227,6 +223,10 @@ impl Bench<'_> {
             notes.problems.extend(problems);
             let of = (name(path), settings.hashed(path)?);
             return Scan::measure(of, cloud, None, &self.against, &mut notes.warnings);
+        }
+        // A PLY without faces is a cloud, and was one above.
+        if meshes::Format::of(path).is_ok() && path.is_file() {
+            return Err(Error::MeshForCloud { path: path.to_owned() });
         }
         // What is no capture is told so before a calibration is asked for.
         Capture::open_noting(path, None, &mut Vec::new())?;
@@ -313,11 +313,36 @@ pub(crate) fn json(record: &impl serde::Serialize) -> String {
     serde_json::to_string_pretty(record).unwrap_or_default() + "\n"
 }
 
-/// Writes the texts of [`files`]: the page last, so that where it is, all is.
+/// Writes the texts of [`files`]: the page last, so that where it is, all is. Where that fails, nothing new is left.
 pub(crate) fn write_all(page: &Path, overwrite: Overwrite, texts: [&str; 3]) -> Result<[PathBuf; 3], Error> {
     let paths = files(page);
-    for (path, text) in paths.iter().zip(texts).rev() {
-        atomic::write(path, overwrite, |out| out.write_all(text.as_bytes()))?;
+    for (at, (path, text)) in paths.iter().zip(texts).enumerate().rev() {
+        let written = atomic::write(path, overwrite, |out| out.write_all(text.as_bytes()));
+        if let Err(error) = written {
+            // Those that are new here would be in the way of the next try.
+            if overwrite == Overwrite::Refuse {
+                paths[at + 1..].iter().for_each(|path| drop(fs::remove_file(path)));
+            }
+            return Err(error.into());
+        }
     }
     Ok(paths)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_report_that_cannot_be_written_leaves_nothing_new() {
+        let folder = tempfile::tempdir().unwrap();
+        let page = folder.path().join("report.html");
+        fs::write(&page, "somebody's").unwrap();
+        let texts = ["page", "{}", "a,b"];
+        assert!(write_all(&page, Overwrite::Refuse, texts).is_err());
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+        let [_, json, table] = write_all(&page, Overwrite::Replace, texts).unwrap();
+        assert_eq!(fs::read_to_string(&page).unwrap(), "page");
+        assert!(json.exists() && table.exists());
+    }
 }

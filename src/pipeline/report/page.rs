@@ -3,7 +3,7 @@
 use crate::pipeline::report::artefact::{LEFT_OUT, NEAR_SURFACE};
 use crate::pipeline::report::plots;
 use crate::pipeline::report::record::{
-    CalibrationRecord, FigureRecord, Record, RelationRecord, ScanRecord, ShapeRecord,
+    CalibrationRecord, FigureRecord, HeadRecord, Record, RelationRecord, ScanRecord, ShapeRecord,
 };
 use crate::pipeline::report::scan::Scan;
 use crate::pipeline::report::views;
@@ -22,16 +22,21 @@ pub(crate) fn page(record: &Record, scans: &[Scan]) -> Page {
     sections.extend(errors(record));
     sections.push(instrument(record));
     sections.push(method(record));
-    Page {
-        title: record.title.clone(),
-        subtitle: subtitle(record.made.as_deref()),
-        sections,
-        footer: format!("{}. The figures in full: the JSON and CSV files beside this page.", record.software),
-    }
+    framed(&record.title, &record.head, "", sections)
 }
 
-pub(crate) fn subtitle(made: Option<&str>) -> String {
-    made.map_or_else(|| "Lengths in millimetres".to_owned(), |made| format!("{made}. Lengths in millimetres"))
+/// A page with what is above and below the sections of each; `besides` follows the software's name.
+pub(crate) fn framed(title: &str, head: &HeadRecord, besides: &str, sections: Vec<Section>) -> Page {
+    let lengths = "Lengths in millimetres";
+    Page {
+        title: title.to_owned(),
+        subtitle: head.made.as_ref().map_or_else(|| lengths.to_owned(), |made| format!("{made}. {lengths}")),
+        sections,
+        footer: format!(
+            "{}{besides}. The figures in full: the JSON and CSV files beside this page.",
+            head.software
+        ),
+    }
 }
 
 /// A figure with its sigma, and what it is in the record.

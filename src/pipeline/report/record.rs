@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 use std::collections::BTreeMap;
+use uw_cloud::Histogram;
+use uw_io::calibration_toml;
 
 /// The `format` of the JSON file.
 pub const FORMAT: &str = "uwscan-report";
@@ -11,14 +13,9 @@ pub const VERSION: u32 = 1;
 /// All of a report.
 #[derive(Debug, Clone, Serialize)]
 pub struct Record {
-    /// [`FORMAT`].
-    pub format: &'static str,
-    /// [`VERSION`].
-    pub version: u32,
-    /// What made it.
-    pub software: String,
-    /// When, as it was told.
-    pub made: Option<String>,
+    /// [`FORMAT`] and [`VERSION`], and what made it.
+    #[serde(flatten)]
+    pub head: HeadRecord,
     /// The page's title.
     pub title: String,
     /// What to know before trusting it.
@@ -37,6 +34,26 @@ pub struct Record {
     pub probing: Vec<ProbingRecord>,
     /// Each distance's sphere-spacing error.
     pub spacing: Vec<SpacingRecord>,
+}
+
+/// How the JSON file beside a page begins.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct HeadRecord {
+    /// The file's format.
+    pub format: &'static str,
+    /// Its version: keys may be added, never renamed.
+    pub version: u32,
+    /// What made it.
+    pub software: String,
+    /// When, as it was told.
+    pub made: Option<String>,
+}
+
+impl HeadRecord {
+    /// A file of this format, made by this software.
+    pub(crate) fn new(format: &'static str, version: u32, made: Option<String>) -> Self {
+        Self { format, version, software: calibration_toml::SOFTWARE.to_owned(), made }
+    }
 }
 
 /// A file.
@@ -216,6 +233,12 @@ pub struct HistogramRecord {
     pub to_mm: f64,
     /// In each.
     pub counts: Vec<usize>,
+}
+
+impl From<&Histogram> for HistogramRecord {
+    fn from(h: &Histogram) -> Self {
+        Self { from_mm: -h.reach_mm, to_mm: h.reach_mm, counts: h.counts.to_vec() }
+    }
 }
 
 /// A distance or an angle between two shapes of a scan.

@@ -222,7 +222,6 @@ fn shape_record(
         _ => {}
     }
     let d = fit.deviations();
-    let reach = d.histogram.reach_mm;
     ShapeRecord {
         label: label.clone(),
         kind: fit.kind(),
@@ -233,7 +232,7 @@ fn shape_record(
         rms_mm: d.rms_mm,
         max_outside_mm: d.max_outside_mm,
         max_inside_mm: d.max_inside_mm,
-        histogram: HistogramRecord { from_mm: -reach, to_mm: reach, counts: d.histogram.counts.to_vec() },
+        histogram: (&d.histogram).into(),
     }
 }
 

@@ -12,7 +12,7 @@ mod scenes;
 use crate::pipeline::Progress;
 use crate::pipeline::calibrate::{self, calibrate};
 use crate::pipeline::reconstruct::{self, Refraction, reconstruct};
-use crate::pipeline::report::{HistogramRecord, artefact, json, write_all};
+use crate::pipeline::report::{HeadRecord, artefact, json, write_all};
 use crate::pipeline::simulate::{Plan, run};
 use crate::{Error, Failure, Notes};
 use measure::{plain, same, six, six_sigmas, three, weighted};
@@ -24,10 +24,11 @@ use uw_cloud::{
     Frame, PointCloud, ShapeFit, ShapeOptions, SphereFit, SurfaceOptions, TriangleMesh, find_shapes,
     triangulate,
 };
-use uw_io::{CalibrationFile, Overwrite, calibration_toml};
+use uw_io::{CalibrationFile, Overwrite};
 
 pub use record::{
     BallFigures, BallRecord, Both, CalibrationInShort, CoverRecord, FORMAT, Record, Summary, ThreeRecord,
+    VERSION,
 };
 
 /// How to reproduce.
@@ -120,8 +121,8 @@ pub fn reproduce(
     }
     let balls = ball_records(&fits);
     let figure_10 = Both {
-        paper: histogram(&fits[published::FIGURE_10.0].1.paper.0),
-        ours: histogram(&fits[published::FIGURE_10.0].1.ours.0),
+        paper: (&fits[published::FIGURE_10.0].1.paper.0.deviations.histogram).into(),
+        ours: (&fits[published::FIGURE_10.0].1.ours.0.deviations.histogram).into(),
     };
 
     let mut three_balls = Vec::new();
@@ -137,10 +138,7 @@ pub fn reproduce(
     let surface = triangulate(&cover, &SurfaceOptions::default())
         .map_err(|source| fail(Error::Surface { path: capture.clone(), source }))?;
     let record = Record {
-        format: FORMAT,
-        version: 1,
-        software: calibration_toml::SOFTWARE.to_owned(),
-        made: settings.made.clone(),
+        head: HeadRecord::new(FORMAT, VERSION, settings.made.clone()),
         seed: settings.seed,
         images,
         warnings,
@@ -176,11 +174,6 @@ impl Reproduced {
 
 fn center(plan: &Plan) -> Vector3<f64> {
     plan.scenes[0].objects[0].camera_from_body.translation_mm()
-}
-
-fn histogram(fit: &SphereFit) -> HistogramRecord {
-    let h = &fit.deviations.histogram;
-    HistogramRecord { from_mm: -h.reach_mm, to_mm: h.reach_mm, counts: h.counts.to_vec() }
 }
 
 type Fitted = (SphereFit, Option<f64>);

@@ -1,6 +1,6 @@
 //! The page of the reproduction: the paper's tables and figures, with the paper's own numbers, its method and ours.
 
-use crate::pipeline::report::page::{cell, signed, subtitle};
+use crate::pipeline::report::page::{cell, framed, signed};
 use crate::pipeline::report::plots::histogram_plot;
 use crate::pipeline::report::views;
 use crate::pipeline::reproduce::published::{BALL_RADIUS_MM, COVER_POINTS, FIGURE_10};
@@ -15,21 +15,10 @@ const OURS: (&str, Ink, Marker) = ("ours, simulated", Ink::Series(0), Marker::Di
 
 /// The page.
 pub(crate) fn page(record: &Record, cover: &PointCloud, mesh: &TriangleMesh) -> Page {
-    Page {
-        title: "The paper's experiments, by its method and by ours".to_owned(),
-        subtitle: subtitle(record.made.as_deref()),
-        sections: vec![
-            summary(record),
-            ball(record),
-            three(record),
-            object(record, cover, mesh),
-            differences(record),
-        ],
-        footer: format!(
-            "{}, seed {}. The figures in full: the JSON and CSV files beside this page.",
-            record.software, record.seed
-        ),
-    }
+    let sections =
+        vec![summary(record), ball(record), three(record), object(record, cover, mesh), differences(record)];
+    let title = "The paper's experiments, by its method and by ours";
+    framed(title, &record.head, &format!(", seed {}", record.seed), sections)
 }
 
 fn summary(record: &Record) -> Section {

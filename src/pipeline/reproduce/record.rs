@@ -1,22 +1,19 @@
 //! What the reproduction tells, as its JSON file has it. Lengths in millimetres, centres in each calibration's galvanometer frame.
 
-use crate::pipeline::report::HistogramRecord;
+use crate::pipeline::report::{HeadRecord, HistogramRecord};
 use serde::Serialize;
 
 /// The `format` of the JSON file.
 pub const FORMAT: &str = "uwscan-reproduction";
+/// Its version: keys may be added, never renamed.
+pub const VERSION: u32 = 1;
 
 /// All of it.
 #[derive(Debug, Clone, Serialize)]
 pub struct Record {
-    /// [`FORMAT`].
-    pub format: &'static str,
-    /// Its version: keys may be added, never renamed.
-    pub version: u32,
-    /// What made it.
-    pub software: String,
-    /// When, as it was told.
-    pub made: Option<String>,
+    /// [`FORMAT`] and [`VERSION`], and what made it.
+    #[serde(flatten)]
+    pub head: HeadRecord,
     /// What the instrument and all noise were drawn by.
     pub seed: u64,
     /// Images that were simulated.

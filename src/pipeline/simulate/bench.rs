@@ -1,6 +1,6 @@
 //! A scene file before a vehicle's simulated camera.
 
-use crate::pipeline::simulate::Plan;
+use crate::pipeline::simulate::{Plan, of_scene};
 use crate::{Error, Failure, Notes};
 use std::path::Path;
 use std::sync::Arc;
@@ -70,7 +70,7 @@ pub fn simulated_camera(scene: &Path, began_ns: i64) -> Result<SimulatedCamera, 
         let sees = Box::new(move |shot: &Shot| seen[now.load(Ordering::Relaxed)](shot));
         Ok((sees, size, bits, placement))
     });
-    match made {
+    match made.map_err(of_scene(scene)) {
         Ok((sees, size, bits, placement)) => {
             Ok(SimulatedCamera { sees, size, bits, placement, problems: notes.problems })
         }

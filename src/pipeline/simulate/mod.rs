@@ -20,7 +20,7 @@ use uw_io::{GrayImage, NewFolder, Overwrite, Pixels, Problem, capture, images};
 use uw_sim::{Exposed, Picture, Renderer};
 
 pub use bench::{Placement, SimulatedCamera, simulated_camera};
-pub(crate) use plan::Plan;
+pub(crate) use plan::{Plan, of_scene};
 
 /// What a simulation made.
 #[derive(Debug)]
@@ -56,7 +56,7 @@ pub fn simulate(
     let mut notes = Notes::default();
     let made =
         Plan::read(scene, rig, &mut notes.problems).and_then(|plan| run(&plan, output, overwrite, progress));
-    match made {
+    match made.map_err(of_scene(scene)) {
         Ok((made, _)) => Ok(Simulated { problems: notes.problems, ..made }),
         Err(error) => Err(Failure { error: Box::new(error), notes }),
     }
@@ -78,15 +78,12 @@ pub(crate) fn run(
         uw_io::atomic::check(output, overwrite)?;
         let truth = NewFolder::begin(&output.with_extension("truth"), overwrite, TRUTH_FILE)?;
         let points = record(plan, output, overwrite, progress)?;
-        write_truth(plan, truth.path(), &points)?;
+        write_truth(plan, truth.path(), &points).map_err(|error| error.told_by(&truth))?;
         truth.finish()?;
         (output.with_extension("truth"), points)
     } else {
         let folder = NewFolder::begin(output, overwrite, "capture.toml")?;
-        let points = fill(plan, folder.path(), progress)?;
-        let truth = folder.path().join(TRUTH);
-        make(&truth)?;
-        write_truth(plan, &truth, &points)?;
+        let points = fill(plan, folder.path(), progress).map_err(|error| error.told_by(&folder))?;
         folder.finish()?;
         (output.join(TRUTH), points)
     };
@@ -175,7 +172,7 @@ fn gray(picture: Picture) -> GrayImage {
     GrayImage { width, height, data, full_scale }
 }
 
-/// Fills a capture folder.
+/// Fills a capture folder, its truth within it.
 fn fill(plan: &Plan, folder: &Path, progress: &dyn Progress) -> Result<Vec<StripePoint>, Error> {
     make(&folder.join("images"))?;
     let studio = Studio::new(plan)?;
@@ -201,7 +198,11 @@ fn fill(plan: &Plan, folder: &Path, progress: &dyn Progress) -> Result<Vec<Strip
     let rows = plan.frames.iter().map(|f| (f.record.file.as_str(), &f.record));
     write(&frames, capture::frames_text(rows, &frames)?)?;
     write(&folder.join("rig.toml"), plan.rig.to_toml()?)?;
-    Ok(points.into_iter().flatten().collect())
+    let points: Vec<StripePoint> = points.into_iter().flatten().collect();
+    let truth = folder.join(TRUTH);
+    make(&truth)?;
+    write_truth(plan, &truth, &points)?;
+    Ok(points)
 }
 
 /// Writes a recording, which is there whole or not at all.

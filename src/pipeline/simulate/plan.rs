@@ -102,6 +102,16 @@ impl Plan {
     }
 }
 
+/// Adds the scene file's name to an error about what it asks for; one about a file has that file's.
+pub(crate) fn of_scene(path: &Path) -> impl Fn(Error) -> Error {
+    move |error| match error {
+        Error::Simulation(_) | Error::Scene { .. } | Error::SceneWithoutIndex => {
+            Error::SceneFile { path: path.to_owned(), source: Box::new(error) }
+        }
+        other => other,
+    }
+}
+
 /// A scene file without an instrument is refused when it is read.
 fn unreachable_instrument<T>() -> Result<T, Error> {
     let what = "the instrument's place";
@@ -112,8 +122,7 @@ fn water(file: &SceneFile, rig: &Rig, index_off: f64) -> Result<Water, Error> {
     if file.capture.medium == uw_io::Medium::Air {
         return Ok(Water::air());
     }
-    let missing = || Error::NoWaterIndex { path: "scene.toml".into() };
-    let laser = rig.water_index().ok_or_else(missing)?;
+    let laser = rig.water_index().ok_or(Error::SceneWithoutIndex)?;
     let board = file.capture.target.as_ref().and_then(|t| t.wavelength_nm);
     let ambient = board.and_then(|nm| rig.water_index_at(nm)).unwrap_or(laser);
     Ok(Water {

@@ -24,7 +24,7 @@ use crate::{
     console::Console,
     exit::{Outcome, chain},
     output, signals,
-    text::number,
+    text::{number, positive},
 };
 
 /// How often it is looked whether to go on waiting.
@@ -60,7 +60,7 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value = "7", value_parser = clap::value_parser!(u32).range(2..=1000))]
     voltages: u32,
     /// End after so many placements that were kept
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = positive::<NonZeroU32>)]
     poses: Option<NonZeroU32>,
     /// Capture each so many seconds instead of at Enter
     #[arg(long, value_name = "SECONDS", requires = "poses", value_parser = |text: &str| number(text, 0.0, 3600.0, " s"))]

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use anyhow::anyhow;
+use anyhow::{Context, anyhow};
 use serde::Serialize;
 use uwscan::{
     cloud::{
@@ -14,11 +14,11 @@ use uwscan::{
 
 use crate::{
     cloud_file::CloudFile,
-    commands::overwrite,
+    commands::WriteArgs,
     console::Console,
     exit::Outcome,
     output::{self, Lost},
-    text::{coordinates, number},
+    text::{coordinates, length, number},
 };
 
 /// Arguments of `clean`.
@@ -55,12 +55,8 @@ pub struct Args {
     /// Write a PLY or PCD as text rather than binary
     #[arg(long)]
     ascii: bool,
-    /// Replace the output if it exists
-    #[arg(long)]
-    force: bool,
-    /// Print one JSON object instead of text
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    written: WriteArgs,
 }
 
 /// A box, its ends infinite where they were left out.
@@ -96,10 +92,6 @@ fn limit(text: &str) -> Result<f64, String> {
     number(text, 1.0, 100.0, "")
 }
 
-fn length(text: &str) -> Result<f64, String> {
-    number(text, 1e-6, 1e6, " mm")
-}
-
 #[derive(Serialize)]
 struct Record {
     points_in: usize,
@@ -121,10 +113,11 @@ struct Record {
 /// A file can't be read or written, or no point is left.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
-    let overwrite = overwrite(args.force);
+    let overwrite = args.written.overwrite();
     atomic::check(&args.output.path, overwrite)?;
     let (mut cloud, problems) = clouds::read(&args.cloud.path)?;
     let outcome = console.problems(&problems);
+    let named = || args.cloud.path.display().to_string();
     let mut warnings = Vec::new();
     let mut record = Record {
         points_in: cloud.len(),
@@ -144,7 +137,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         cloud = cloud.selected(&kept);
     }
     if let Some(limit) = outlier_limit(args) {
-        cloud = without_outliers(&cloud, limit, &mut record)?;
+        cloud = without_outliers(&cloud, limit, &mut record).with_context(named)?;
         if record.off_sheet.is_none() {
             warnings.push(
                 "the cloud has no frame, pixel and sigma: points were judged by their distances alone"
@@ -153,24 +146,25 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         }
     }
     if args.normals {
-        let found = normals(&cloud, NORMAL_NEIGHBOURS, &args.sensor.unwrap_or_default())?;
+        let found =
+            normals(&cloud, NORMAL_NEIGHBOURS, &args.sensor.unwrap_or_default()).with_context(named)?;
         record.without_normal = Some(found.iter().filter(|n| n.is_none()).count());
         let stored = found.into_iter().map(|n| n.map_or([0.0; 3], |n| n.map(|c| c as f32))).collect();
-        cloud = cloud.with_normals(stored)?;
+        cloud = cloud.with_normals(stored).with_context(named)?;
     }
     let before = cloud.len();
     cloud = fewer(args, cloud);
     record.thinned = before - cloud.len();
     if cloud.is_empty() {
-        return Err(anyhow!("{}: no point is left", args.cloud.path.display()));
+        return Err(anyhow!("{}: no point is left", named()));
     }
-    let format = if args.ascii { args.output.format.as_text() } else { args.output.format };
+    let format = args.output.written_as(args.ascii);
     clouds::write(&args.output.path, overwrite, &cloud, format)?;
     warnings.iter().for_each(|warning| console.warn(warning));
     record.points = cloud.len();
     record.warnings = output::warnings(&warnings, &problems);
     record.seconds = began.elapsed().as_secs_f64();
-    if args.json {
+    if args.written.json {
         output::json(&record)?;
     } else {
         output::print(text(args, &record))?;

@@ -15,11 +15,11 @@ use uwscan::{
 };
 
 use crate::{
-    commands::overwrite,
+    commands::WriteArgs,
     console::Console,
     exit::Outcome,
     output::{self, Lost},
-    text::number,
+    text::{length, share},
 };
 
 /// Arguments of `compare`.
@@ -29,14 +29,14 @@ pub struct Args {
     input: PathBuf,
     /// What it should be: a mesh (.stl, .ply, .obj)
     reference: PathBuf,
-    /// Write the map of deviations: the points (.ply, .xyz, .csv) or the mesh (.ply) with a deviation in mm and a colour each
+    /// Write the map of deviations: the points (a cloud of any format) or the mesh (.ply) with a deviation in mm and a colour each
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Compare it where it is, without best-fit alignment
     #[arg(long)]
     no_align: bool,
     /// Align from where it is, which is right to within this distance, rather than from anywhere
-    #[arg(long, value_name = "MM", value_parser = reach, conflicts_with = "no_align")]
+    #[arg(long, value_name = "MM", value_parser = length, conflicts_with = "no_align")]
     near: Option<f64>,
     /// Share of the points that must come to lie on the reference
     #[arg(long, value_name = "SHARE", default_value = "0.2", value_parser = share)]
@@ -45,17 +45,13 @@ pub struct Args {
     #[arg(long, value_name = "UNIT", default_value = "mm")]
     unit: Unit,
     /// Deviation of the colours at either end [default: what 95 % keep within]
-    #[arg(long, value_name = "MM", value_parser = reach)]
+    #[arg(long, value_name = "MM", value_parser = length)]
     range: Option<f64>,
-    /// Write a PLY as text rather than binary
+    /// Write a PLY or PCD as text rather than binary
     #[arg(long)]
     ascii: bool,
-    /// Replace the output if it exists
-    #[arg(long)]
-    force: bool,
-    /// Print one JSON object instead of text
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    written: WriteArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -75,14 +71,6 @@ impl Unit {
             Self::In => 25.4,
         }
     }
-}
-
-fn reach(text: &str) -> Result<f64, String> {
-    number(text, 1e-6, 1e6, " mm")
-}
-
-fn share(text: &str) -> Result<f64, String> {
-    number(text, 0.0, 1.0, "")
 }
 
 #[derive(Serialize)]
@@ -181,7 +169,7 @@ enum Input {
 /// A file can't be read or written, or the input does not come to lie on the reference.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
-    let overwrite = overwrite(args.force);
+    let overwrite = args.written.overwrite();
     let mut problems = Vec::new();
     let input = read(args, &mut problems)?;
     if let Some(path) = &args.output {
@@ -224,7 +212,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     }
     let mut record = record(args, &reference, &found, range, &problems);
     record.seconds = began.elapsed().as_secs_f64();
-    if args.json {
+    if args.written.json {
         output::json(&record)?;
     } else {
         output::print(text(args, &record))?;
@@ -237,6 +225,13 @@ fn read(args: &Args, problems: &mut Vec<Problem>) -> anyhow::Result<Input> {
         let (mesh, found) = meshes::read(&args.input)?;
         problems.extend(found);
         return Ok(Input::Mesh(mesh));
+    }
+    if clouds::Format::of(&args.input).is_err() {
+        bail!(
+            "{}: this is neither a point cloud, whose name ends in {}, nor a mesh, whose name ends in .ply, .stl or .obj",
+            args.input.display(),
+            clouds::ENDINGS
+        );
     }
     let (cloud, found) = clouds::read(&args.input)?;
     problems.extend(found);

@@ -6,7 +6,7 @@ use anyhow::bail;
 use clap::{ValueEnum, error::ErrorKind};
 use serde::Serialize;
 use uwscan::io::{
-    Capture, Problem, atomic, calibration_toml,
+    Capture, Error, Problem, atomic, calibration_toml,
     camera_yaml::{self, Form},
     clouds,
     convert::{Converted, to_folder, to_recording},
@@ -55,14 +55,21 @@ enum To {
 #[derive(Serialize)]
 struct Record {
     file: String,
+    #[serde(flatten)]
+    counts: Counts,
+    warnings: Vec<String>,
+    lost: Vec<Lost>,
+}
+
+/// What was carried over, of what there was.
+#[derive(Default, Serialize)]
+struct Counts {
     #[serde(skip_serializing_if = "Option::is_none")]
     images: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     points: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     triangles: Option<usize>,
-    warnings: Vec<String>,
-    lost: Vec<Lost>,
 }
 
 /// Converts and prints what came out.
@@ -70,6 +77,8 @@ struct Record {
 /// # Errors
 /// Nothing can be converted so, or a file can't be read or written.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
+    // What is not there has no kind, whatever its name ends in.
+    args.input.metadata().map_err(Error::file(&args.input, "open"))?;
     let is_recording =
         |path: &Path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(recording::ENDING));
     if args.input.is_dir() || is_recording(&args.input) {
@@ -119,14 +128,8 @@ fn camera(args: &Args, form: Form, console: &Console) -> anyhow::Result<Outcome>
     let outcome = console.problems(&problems);
     camera_yaml::write(&args.output, overwrite, &calibration, form)?;
     console.warn(camera_yaml::LOST);
-    let file = args.output.display().to_string();
-    if args.json {
-        let warnings = output::warnings(&[camera_yaml::LOST.to_owned()], &problems);
-        let lost = output::lost(&problems);
-        output::json(&Record { file, images: None, points: None, triangles: None, warnings, lost })?;
-    } else {
-        output::print(format!("{file}: the camera, without its window\n"))?;
-    }
+    let warnings = [camera_yaml::LOST.to_owned()];
+    tell(args, Counts::default(), "the camera, without its window", &warnings, &problems)?;
     Ok(outcome)
 }
 
@@ -138,20 +141,9 @@ fn mesh(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let outcome = console.problems(&problems);
     let format = if args.ascii { format.as_text() } else { format };
     meshes::write(&args.output, overwrite, &mesh, format)?;
-    let file = args.output.display().to_string();
     let triangles = mesh.triangles().len();
-    if args.json {
-        output::json(&Record {
-            file,
-            images: None,
-            points: None,
-            triangles: Some(triangles),
-            warnings: output::warnings(&[], &problems),
-            lost: output::lost(&problems),
-        })?;
-    } else {
-        output::print(format!("{file}: {triangles} triangles on {} vertices\n", mesh.vertices_mm().len()))?;
-    }
+    let what = format!("{triangles} triangles on {} vertices", mesh.vertices_mm().len());
+    tell(args, Counts { triangles: Some(triangles), ..Counts::default() }, &what, &[], &problems)?;
     Ok(outcome)
 }
 
@@ -186,42 +178,48 @@ fn capture(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     problems.extend(lost);
     let outcome = console.problems(&problems);
     warnings.iter().for_each(|warning| console.warn(warning));
-    let file = args.output.display().to_string();
-    if args.json {
-        output::json(&Record {
-            file,
-            images: Some(images),
-            points: None,
-            triangles: None,
-            warnings: output::warnings(&warnings, &problems),
-            lost: output::lost(&problems),
-        })?;
-    } else {
-        output::print(format!("{file}: {images} images\n"))?;
-    }
+    let counts = Counts { images: Some(images), ..Counts::default() };
+    tell(args, counts, &format!("{images} images"), &warnings, &problems)?;
     Ok(outcome)
 }
 
 fn cloud(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let overwrite = overwrite(args.force);
+    if clouds::Format::of(&args.input).is_ok()
+        && clouds::Format::of(&args.output).is_err()
+        && meshes::Format::of(&args.output).is_ok()
+    {
+        bail!("{}: a cloud becomes a mesh by `uwscan mesh`, which finds its surface", args.output.display());
+    }
     let format = clouds::Format::of(&args.output)?;
     atomic::check(&args.output, overwrite)?;
     let (cloud, problems) = clouds::read(&args.input)?;
     let outcome = console.problems(&problems);
     let format = if args.ascii { format.as_text() } else { format };
     clouds::write(&args.output, overwrite, &cloud, format)?;
-    let file = args.output.display().to_string();
-    if args.json {
-        output::json(&Record {
-            file,
-            images: None,
-            points: Some(cloud.len()),
-            triangles: None,
-            warnings: output::warnings(&[], &problems),
-            lost: output::lost(&problems),
-        })?;
-    } else {
-        output::print(format!("{file}: {} points\n", cloud.len()))?;
-    }
+    let points = cloud.len();
+    tell(
+        args,
+        Counts { points: Some(points), ..Counts::default() },
+        &format!("{points} points"),
+        &[],
+        &problems,
+    )?;
     Ok(outcome)
+}
+
+/// Prints what came out.
+fn tell(
+    args: &Args,
+    counts: Counts,
+    what: &str,
+    warnings: &[String],
+    problems: &[Problem],
+) -> anyhow::Result<()> {
+    let file = args.output.display().to_string();
+    if !args.json {
+        return output::print(format!("{file}: {what}\n"));
+    }
+    let (warnings, lost) = (output::warnings(warnings, problems), output::lost(problems));
+    output::json(&Record { file, counts, warnings, lost })
 }

@@ -85,7 +85,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
             let folder = NewFolder::begin(output, overwrite(args.force), "calibration.toml")?;
             let made = demo(folder.path(), &progress);
             drop(progress);
-            let made = made.map_err(|failure| console.failure(failure))?;
+            let made = made.map_err(|failure| console.failure(failure.told_by(&folder)))?;
             folder.finish()?;
             made
         }

@@ -8,7 +8,7 @@ use uwscan::{
     pipeline::doctor::{Finding, LaserUse, Verdict, examine},
 };
 
-use crate::{console::Console, exit::Outcome, output, signals};
+use crate::{console::Console, exit::Outcome, output, signals, text::many};
 
 /// Arguments of `doctor`.
 #[derive(Debug, clap::Args)]
@@ -80,12 +80,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         output::json(&Record { findings: findings.collect(), faults, warnings })?;
     }
     if faults > 0 {
-        let plural = |count: usize| if count == 1 { "" } else { "s" };
-        anyhow::bail!(
-            "{faults} fault{} and {warnings} warning{}: mend these first",
-            plural(faults),
-            plural(warnings)
-        );
+        anyhow::bail!("{} and {}: mend these first", many(faults, "fault"), many(warnings, "warning"));
     }
     Ok(Outcome::Done)
 }

@@ -41,7 +41,7 @@ enum Shape {
 
 #[derive(Debug, clap::Args)]
 struct CloudArgs {
-    /// Point cloud: .ply, .xyz or .csv
+    /// Point cloud: .ply, .pcd, .xyz, .csv, .e57, .las or .laz
     #[arg(value_parser = CloudFile::parser())]
     cloud: CloudFile,
     #[command(flatten)]

@@ -101,6 +101,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
 
 /// What the file holds; where it is not sound, what was found before that is added to `noted`.
 fn look(path: &Path, noted: &mut Vec<Problem>, console: &Console) -> anyhow::Result<Content> {
+    // What is not there has no kind, whatever its name ends in.
+    path.metadata().map_err(Error::file(path, "open"))?;
     let ends = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
     if path.is_dir() || ends(recording::ENDING) {
         return capture::look(path, noted, console);

@@ -13,11 +13,11 @@ use uwscan::{
 use crate::{
     args::usage_error,
     cloud_file::CloudFile,
-    commands::{compare::rows, overwrite},
+    commands::{WriteArgs, compare::rows},
     console::Console,
     exit::Outcome,
     output::{self, Lost},
-    text::number,
+    text::{length, share},
 };
 
 /// Arguments of `merge`.
@@ -41,20 +41,8 @@ pub struct Args {
     /// Write a PLY or PCD as text rather than binary
     #[arg(long)]
     ascii: bool,
-    /// Replace the output if it exists
-    #[arg(long)]
-    force: bool,
-    /// Print one JSON object instead of text
-    #[arg(long)]
-    json: bool,
-}
-
-fn length(text: &str) -> Result<f64, String> {
-    number(text, 1e-6, 1e6, " mm")
-}
-
-fn share(text: &str) -> Result<f64, String> {
-    number(text, 0.0, 1.0, "")
+    #[command(flatten)]
+    written: WriteArgs,
 }
 
 #[derive(Serialize)]
@@ -93,7 +81,7 @@ struct Pair {
 /// A file can't be read or written, or a cloud does not overlap with the others, or in several ways.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
-    let overwrite = overwrite(args.force);
+    let overwrite = args.written.overwrite();
     atomic::check(&args.output.path, overwrite)?;
     if let Some(same) = args.clouds.iter().position(|c| c.path == args.output.path) {
         return Err(usage_error(
@@ -116,7 +104,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         Some(size) => &averaged(&merged.cloud, size),
         None => &merged.cloud,
     };
-    let format = if args.ascii { args.output.format.as_text() } else { args.output.format };
+    let format = args.output.written_as(args.ascii);
     clouds::write(&args.output.path, overwrite, cloud, format)?;
     let record = Record {
         points: cloud.len(),
@@ -127,7 +115,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         lost: output::lost(&problems),
         seconds: began.elapsed().as_secs_f64(),
     };
-    if args.json {
+    if args.written.json {
         output::json(&record)?;
     } else {
         output::print(text(args, &record))?;
@@ -135,20 +123,21 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     Ok(outcome)
 }
 
-/// The error with the file's name, and the option that helps.
+/// The error with the name of the file that it is about, or of all, and the option that helps.
 fn explained(args: &Args, error: &MergeError) -> anyhow::Error {
-    let index = match error {
+    let name = |file: &CloudFile| file.path.display().to_string();
+    let about = match error {
         MergeError::NoSurface { index, .. }
         | MergeError::NoOverlap { index, .. }
         | MergeError::Ambiguous { index, .. }
-        | MergeError::Undetermined { index, .. } => *index,
-        other => return anyhow!("{other}"),
+        | MergeError::Undetermined { index, .. } => name(&args.clouds[*index]),
+        _ => args.clouds.iter().map(name).collect::<Vec<_>>().join(", "),
     };
     let hint = match error {
         MergeError::Ambiguous { .. } | MergeError::Undetermined { .. } => " (--near MM)",
         _ => "",
     };
-    anyhow!("{}: {error}{hint}", args.clouds[index].path.display())
+    anyhow!("{about}: {error}{hint}")
 }
 
 fn placed(args: &Args, read: &[PointCloud], merged: &Merged) -> Vec<Placed> {

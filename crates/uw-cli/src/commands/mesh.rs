@@ -10,11 +10,11 @@ use uwscan::{
 
 use crate::{
     cloud_file::{CloudFile, MeshFile},
-    commands::overwrite,
+    commands::WriteArgs,
     console::Console,
     exit::Outcome,
     output,
-    text::{coordinates, number},
+    text::{coordinates, many, number},
 };
 
 /// Arguments of `mesh`.
@@ -38,12 +38,8 @@ pub struct Args {
     /// Write a PLY or STL as text rather than binary
     #[arg(long)]
     ascii: bool,
-    /// Replace the output if it exists
-    #[arg(long)]
-    force: bool,
-    /// Print one JSON object instead of text
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    written: WriteArgs,
 }
 
 fn steepest(text: &str) -> Result<f64, String> {
@@ -105,7 +101,7 @@ const LISTED: usize = 3;
 /// The cloud can't be read or has no surface, or the mesh can't be written.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
-    let overwrite = overwrite(args.force);
+    let overwrite = args.written.overwrite();
     atomic::check(&args.output.path, overwrite)?;
     let (cloud, problems) = clouds::read(&args.cloud.path)?;
     let outcome = console.problems(&problems);
@@ -119,11 +115,11 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         triangulate(&cloud, &options).map_err(|e| anyhow::anyhow!("{}: {e}", args.cloud.path.display()))?;
     let surface_seconds = made.elapsed().as_secs_f64();
     let topology = surface.mesh.topology();
-    let format = if args.ascii { args.output.format.as_text() } else { args.output.format };
+    let format = args.output.written_as(args.ascii);
     meshes::write(&args.output.path, overwrite, &surface.mesh, format)?;
     let record = record(&surface, &topology, cloud.len(), output::warnings(&[], &problems));
     let record = Record { surface_seconds, seconds: began.elapsed().as_secs_f64(), ..record };
-    if args.json {
+    if args.written.json {
         output::json(&record)?;
     } else {
         output::print(text(args, &record))?;
@@ -185,16 +181,16 @@ fn text(args: &Args, record: &Record) -> String {
     };
     let mut text = format!(
         "{}: {} triangles on {} vertices, {:.1} mm², {} frame, {:.2} s\n  \
-         borders      {} loops (outer borders and holes) of {} edges, {} parts\n",
+         borders      {} (outer borders and holes) of {} edges, {}\n",
         args.output.path.display(),
         record.triangles,
         record.vertices,
         record.area_mm2,
         record.frame,
         record.seconds,
-        record.boundary_loops,
+        many(record.boundary_loops, "loop"),
         record.boundary_edges,
-        record.components,
+        many(record.components, "part"),
     );
     if !record.holes.is_empty() {
         let of = |hole: &Hole| {

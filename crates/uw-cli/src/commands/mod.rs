@@ -69,6 +69,24 @@ pub fn run(cli: &Cli, console: &Console) -> anyhow::Result<Outcome> {
     }
 }
 
+/// How the one output of a command is written, and what is told of it.
+#[derive(Debug, clap::Args)]
+struct WriteArgs {
+    /// Replace the output if it exists
+    #[arg(long)]
+    force: bool,
+    /// Print one JSON object instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+impl WriteArgs {
+    /// What becomes of an output that exists.
+    fn overwrite(&self) -> Overwrite {
+        overwrite(self.force)
+    }
+}
+
 /// What `--force` allows.
 fn overwrite(force: bool) -> Overwrite {
     if force { Overwrite::Replace } else { Overwrite::Refuse }

@@ -14,7 +14,7 @@ use uwscan::{
 use crate::{
     args::usage_error,
     cloud_file::CloudFile,
-    commands::overwrite,
+    commands::WriteArgs,
     console::Console,
     exit::Outcome,
     output::{self, Lost},
@@ -35,15 +35,11 @@ pub struct Args {
     /// How
     #[command(flatten)]
     how: How,
-    /// Write a PLY as text rather than binary
+    /// Write a PLY or PCD as text rather than binary
     #[arg(long)]
     ascii: bool,
-    /// Replace the output if it exists
-    #[arg(long)]
-    force: bool,
-    /// Print one JSON object instead of text
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    written: WriteArgs,
 }
 
 /// How to reconstruct: the arguments that `reconstruct` and `batch` share.
@@ -198,7 +194,7 @@ struct ThreadSeconds {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
     let settings = args.how.settings()?;
-    let overwrite = overwrite(args.force);
+    let overwrite = args.written.overwrite();
     atomic::check(&args.output.path, overwrite)?;
     let (calibration, mut problems) = calibration_toml::read(&args.calibration)?;
     console.problems(&problems);
@@ -210,7 +206,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     made.warnings.iter().for_each(|warning| console.warn(warning));
     problems.append(&mut made.problems);
     let written = Instant::now();
-    let format = if args.ascii { args.output.format.as_text() } else { args.output.format };
+    let format = args.output.written_as(args.ascii);
     clouds::write(&args.output.path, overwrite, &made.cloud, format)?;
     let (seconds, write) = (began.elapsed().as_secs_f64(), written.elapsed().as_secs_f64());
 
@@ -233,7 +229,7 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
             write,
         },
     };
-    if args.json {
+    if args.written.json {
         output::json(&record)?;
     } else {
         output::print(text(args, &made, &record))?;

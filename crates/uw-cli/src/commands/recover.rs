@@ -6,7 +6,7 @@ use serde::Serialize;
 use uwscan::io::{atomic, recording};
 
 use crate::{
-    commands::overwrite,
+    commands::WriteArgs,
     console::Console,
     exit::Outcome,
     output::{self, Lost},
@@ -20,12 +20,8 @@ pub struct Args {
     /// Recording to write
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Replace the output if it exists
-    #[arg(long)]
-    force: bool,
-    /// Print one JSON object instead of text
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    written: WriteArgs,
 }
 
 #[derive(Serialize)]
@@ -42,13 +38,13 @@ struct Record {
 /// # Errors
 /// Nothing can be recovered, or it can't be written.
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
-    let overwrite = overwrite(args.force);
+    let overwrite = args.written.overwrite();
     atomic::check(&args.output, overwrite)?;
     let recovered = recording::recover(&args.recording, &args.output, overwrite)?;
     let outcome = console.problems(&recovered.problems);
     let file = args.output.display().to_string();
     let (messages, bytes) = (recovered.counts.messages, recovered.counts.bytes);
-    if args.json {
+    if args.written.json {
         output::json(&Record {
             file,
             messages,
@@ -58,8 +54,8 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         })?;
     } else {
         let verdict = match outcome {
-            Outcome::Done => "nothing was missing",
-            Outcome::WithLoss => "what is missing is told above",
+            Outcome::Done => "nothing was missing or damaged",
+            Outcome::WithLoss => "what is missing or damaged is told above",
         };
         output::print(format!("{file}: {messages} messages recovered, {bytes} bytes; {verdict}\n"))?;
     }

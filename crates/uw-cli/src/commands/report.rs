@@ -11,7 +11,9 @@ use uwscan::{
     },
 };
 
-use crate::{commands::overwrite, console::Console, exit::Outcome, now::now, output, progress::Progress};
+use crate::{
+    commands::overwrite, console::Console, exit::Outcome, now::now, output, progress::Progress, text::many,
+};
 
 /// Arguments of `report`.
 #[derive(Debug, clap::Args)]
@@ -22,7 +24,7 @@ use crate::{commands::overwrite, console::Console, exit::Outcome, now::now, outp
     [[distance]] with a, b and distance_mm) or CSV (kind,a,b,value_mm)."
 )]
 pub struct Args {
-    /// Capture folders or recordings (.mcap) of scans, and point clouds (.ply, .xyz, .csv)
+    /// Capture folders or recordings (.mcap) of scans, and point clouds (.ply, .pcd, .xyz, .csv, .e57, .las, .laz)
     #[arg(required = true, value_name = "SCAN")]
     scans: Vec<PathBuf>,
     /// Calibration file of the instrument: captures need it; to a cloud it adds its part of the uncertainty
@@ -99,7 +101,6 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
 fn text(record: &Record) -> String {
     let points: usize = record.scans.iter().map(|scan| scan.points).sum();
     let shapes: usize = record.scans.iter().map(|scan| scan.shapes.len()).sum();
-    let many = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
     let counts = [many(record.scans.len(), "scan"), many(points, "point"), many(shapes, "shape")];
     counts.join(", ")
 }

@@ -51,9 +51,10 @@ pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
         reproduce(captures.path(), &settings, &progress)
     };
     drop(progress);
-    let made: Reproduced = made.map_err(|failure| console.failure(failure))?;
+    let made: Reproduced = made.map_err(|failure| console.failure(failure.told_by(&folder)))?;
     made.record.warnings.iter().for_each(|warning| console.warn(warning));
-    made.write(&folder.path().join(PAGE), overwrite(false))?;
+    let page = folder.path().join(PAGE);
+    made.write(&page, overwrite(false)).map_err(|error| error.told_by(&folder))?;
     folder.finish()?;
     if args.json {
         output::json(&made.record)?;

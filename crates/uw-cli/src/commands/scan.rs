@@ -37,6 +37,7 @@ use crate::{
     output,
     progress::Progress,
     signals,
+    text::positive,
 };
 
 /// Arguments of `scan`.
@@ -57,7 +58,7 @@ pub struct Args {
     #[arg(short, long, value_name = "FILE")]
     calibration: Option<PathBuf>,
     /// Sweep so many times
-    #[arg(long, value_name = "N", default_value = "1")]
+    #[arg(long, value_name = "N", default_value = "1", value_parser = positive::<NonZeroU32>)]
     repeat: NonZeroU32,
     /// Only the voltages from V0 to V1; may be given several times
     #[arg(long, value_name = "V0:V1", value_parser = region, allow_hyphen_values = true)]
@@ -66,7 +67,7 @@ pub struct Args {
     #[arg(long)]
     adaptive: bool,
     /// How much coarser the first sweep is, with --adaptive
-    #[arg(long, value_name = "N", default_value = "8", requires = "adaptive")]
+    #[arg(long, value_name = "N", default_value = "8", requires = "adaptive", value_parser = positive::<NonZeroU32>)]
     coarser: NonZeroU32,
     /// What is outside the windows [default: water if the rig file has [water], else air]
     #[arg(long)]
@@ -325,9 +326,9 @@ fn calibration(
 ) -> anyhow::Result<Option<(CalibrationFile, String)>> {
     let named = vehicle.calibration.as_deref().map(|path| vehicle.resolve(path));
     let Some(path) = given.map(Path::to_owned).or(named) else { return Ok(None) };
-    let (file, problems) = calibration_toml::read(&path)?;
+    let text = calibration_toml::text(&path)?;
+    let (file, problems) = calibration_toml::parse(&path, &text)?;
     console.problems(&problems);
-    let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
     Ok(Some((file, text)))
 }
 

@@ -15,16 +15,17 @@ use crate::{
     output,
     records::{self, Matrix, with_total},
     shared_part::SharedArgs,
+    text::{many, positive},
 };
 
 /// Arguments of `shapes`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Point cloud: .ply, .xyz or .csv
+    /// Point cloud: .ply, .pcd, .xyz, .csv, .e57, .las or .laz
     #[arg(value_parser = CloudFile::parser())]
     cloud: CloudFile,
     /// At most so many shapes, those with the most points
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = positive::<NonZeroUsize>)]
     max: Option<NonZeroUsize>,
     #[command(flatten)]
     shared: SharedArgs,
@@ -143,8 +144,8 @@ fn angle(r: &Relation) -> Angle {
 fn text(output: &Output, between: &Relations, all: bool) -> String {
     let listed = if all { usize::MAX } else { LISTED };
     let mut text = format!(
-        "{} shapes in {} points, {} of them of none, {} frame, {:.2} s\n",
-        output.shapes.len(),
+        "{} in {} points, {} of them of none, {} frame, {:.2} s\n",
+        many(output.shapes.len(), "shape"),
         output.points,
         output.unassigned_points,
         output.frame,

@@ -5,7 +5,7 @@ use std::{path::PathBuf, time::Instant};
 use serde::Serialize;
 use uwscan::pipeline::simulate::{Simulated, simulate};
 
-use crate::{commands::overwrite, console::Console, exit::Outcome, output, progress::Progress};
+use crate::{commands::WriteArgs, console::Console, exit::Outcome, output, progress::Progress};
 
 /// Arguments of `simulate`.
 #[derive(Debug, clap::Args)]
@@ -15,12 +15,8 @@ pub struct Args {
     /// Capture folder to write, or a recording where the name ends in .mcap
     #[arg(short, long, value_name = "DIR|FILE.mcap")]
     output: PathBuf,
-    /// Replace the output if it exists
-    #[arg(long)]
-    force: bool,
-    /// Print one JSON object instead of text
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    written: WriteArgs,
 }
 
 #[derive(Serialize)]
@@ -39,14 +35,14 @@ struct Record {
 pub fn run(args: &Args, console: &Console) -> anyhow::Result<Outcome> {
     let began = Instant::now();
     let progress = Progress::new(console);
-    let result = simulate(&args.scene, None, &args.output, overwrite(args.force), &progress);
+    let result = simulate(&args.scene, None, &args.output, args.written.overwrite(), &progress);
     drop(progress);
     let Simulated { frames, stripe_points, truth, problems } =
         result.map_err(|failure| console.failure(failure))?;
     let outcome = console.problems(&problems);
     let seconds = began.elapsed().as_secs_f64();
     let truth = truth.display().to_string();
-    if args.json {
+    if args.written.json {
         let warnings = output::warnings(&[], &problems);
         output::json(&Record { frames, stripe_points, truth, warnings, seconds })?;
     } else {

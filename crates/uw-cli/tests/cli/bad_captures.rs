@@ -34,6 +34,13 @@ fn folders_that_are_no_capture() {
         |dir| fs::remove_dir_all(dir.join("images")).unwrap(),
         &["frames.csv", "none of its 8 images is there"],
     );
+    refused(
+        |dir| {
+            fs::remove_dir_all(dir.join("images")).unwrap();
+            fs::write(dir.join("images"), "no folder").unwrap();
+        },
+        &["images/0.pgm", "cannot find the image", "check the path"],
+    );
     refused(|dir| fs::remove_dir_all(dir).unwrap(), &["cannot open the capture", "check the path"]);
     let out = TempDir::new().unwrap();
     let target = out.path().join("c.toml");

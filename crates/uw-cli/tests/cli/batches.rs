@@ -92,7 +92,10 @@ fn a_folder_without_recordings_and_one_of_which_nothing_comes_fail() {
     let calibration = calibration();
     let folder = dir.path().to_str().unwrap();
     uwscan(["batch", folder, "-c", &calibration, "-o", out.to_str().unwrap()]).fails(&["no recording"]);
-    fs::write(dir.path().join("torn.mcap"), b"nothing").unwrap();
+    fs::write(dir.path().join("torn.mcap"), b"nothing \xff\xff").unwrap();
+    let torn = dir.path().join("torn.mcap");
+    uwscan(["batch", folder, "-c", torn.to_str().unwrap(), "-o", out.to_str().unwrap()])
+        .fails(&["torn.mcap:1", "is not UTF-8 text"]);
     let run = uwscan(["batch", folder, "-c", &calibration, "-o", out.to_str().unwrap()]);
     assert_eq!(run.code, Some(1));
     assert!(run.stderr.contains("none of its recordings"), "{}", run.stderr);

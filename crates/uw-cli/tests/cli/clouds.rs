@@ -78,6 +78,13 @@ fn a_cloud_is_aligned_with_its_reference_and_mapped() {
     let info = uwscan(["info", map, "--json"]).json(0);
     assert_eq!(info["attributes"], serde_json::json!(["sigma", "deviation", "color"]), "{info}");
     uwscan(["compare", &points, &mesh, "-o", map]).fails(&["exists already"]);
+    uwscan(["compare", "notes.txt", &mesh]).fails(&[
+        "notes.txt",
+        "neither a point cloud",
+        ".pcd",
+        "nor a mesh",
+        ".stl",
+    ]);
     let said = uwscan(["compare", &points, &mesh, "--no-align"]);
     // An open reference is warned of.
     assert!(
@@ -134,6 +141,9 @@ fn sweeps_are_merged_where_they_overlap_and_refused_where_not() {
     let apart = cloud(&file("c.xyz"), 20..45, [0.0; 2]);
     uwscan(["merge", &left, &apart, "-o", out, "--force", "--near", "5"]).fails(&["c.xyz", "no overlap"]);
     uwscan(["merge", &left, "-o", out]).is_misused(&["2"]);
+    let few = dir.path().join("few.xyz");
+    fs::write(&few, "0 0 900\n1 0 900\n0 1 900\n").unwrap();
+    uwscan(["merge", few.to_str().unwrap(), &left, "-o", out, "--force"]).fails(&["few.xyz", "at least 6"]);
 }
 
 #[test]
@@ -156,6 +166,10 @@ fn clouds_are_cleaned_step_by_step() {
     assert_eq!(info["attributes"], serde_json::json!(["sigma", "normal"]), "{info}");
     uwscan(["clean", &points, "-o", out, "--crop", "1,2,3"]).is_misused(&["three ranges"]);
     uwscan(["clean", &points, "-o", out, "--force", "--crop", "1e6:,,"]).fails(&["no point is left"]);
+    // What has no square can't be judged by distances.
+    let far = dir.path().join("far.xyz");
+    fs::write(&far, "1e300 0 900\n1 0 900\n0 1 900\n").unwrap();
+    uwscan(["clean", far.to_str().unwrap(), "-o", out, "--force"]).fails(&["far.xyz", "point 0"]);
 }
 
 #[test]
@@ -175,6 +189,7 @@ fn clouds_and_meshes_are_converted_by_their_endings() {
         );
         from = to;
     }
+    uwscan(["convert", &from, &file("n.stl")]).fails(&["n.stl", "uwscan mesh"]);
     let mut from = reference(&dir.path().join("m.obj"), 1.0);
     for ending in ["stl", "ply", "obj"] {
         let to = file(&format!("n.{ending}"));

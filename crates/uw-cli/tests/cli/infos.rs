@@ -107,5 +107,7 @@ fn files_are_known_by_what_they_say() {
         fs::write(path(name), text).unwrap();
         uwscan(["info".as_ref(), path(name).as_os_str()]).fails(&[name, part]);
     }
-    uwscan(["info".as_ref(), path("nowhere").as_os_str()]).fails(&["nowhere"]);
+    for name in ["nowhere", "nowhere.ply", "nowhere.mcap", "nowhere.toml"] {
+        uwscan(["info".as_ref(), path(name).as_os_str()]).fails(&[name, "cannot open", "check the path"]);
+    }
 }

@@ -405,6 +405,8 @@ fn others_need_a_token_and_a_weak_one_is_refused() {
     let config = config(dir.path());
     let weak = ["serve", "--config", &config, "--listen", "0", "--view-token-file", file.to_str().unwrap()];
     crate::samples::uwscan(weak).fails(&["token", "at least 24"]);
+    fs::remove_file(&file).unwrap();
+    crate::samples::uwscan(weak).fails(&["token: cannot read", "check the path"]);
     let far = ["serve", "--config", &config, "--listen", "0", "--foxglove", "0.0.0.0:0"];
     crate::samples::uwscan(far).fails(&["Foxglove", "loopback"]);
     crate::samples::uwscan(["scan", "--config", &config, "--foxglove", "off"]).is_misused(&["--live"]);

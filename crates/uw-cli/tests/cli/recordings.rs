@@ -75,10 +75,38 @@ fn a_calibration_from_recordings_is_that_from_their_folders() {
     assert_eq!(figures(&target), figures(Path::new(&calibration())));
 }
 
+/// What a recording holds of an image is no longer what was recorded, and its records are whole all the same.
+#[test]
+fn a_damaged_image_is_kept_and_told_of_by_recover() {
+    let (dir, capture) = (TempDir::new().unwrap(), blank_capture());
+    let path = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    let (damaged, kept) = (path("damaged.mcap"), path("kept.mcap"));
+    convert(capture.path(), Path::new(&damaged)).text();
+    assert!(uwscan(["recover", &damaged, "-o", &kept]).text().contains("nothing was missing or damaged"));
+    let mut bytes = fs::read(&damaged).unwrap();
+    // The first image's texture begins so.
+    let pixels = bytes.windows(8).position(|eight| eight == [40, 47, 43, 50, 46, 42, 49, 45]).unwrap();
+    bytes[pixels + 20] ^= 0xff;
+    fs::write(&damaged, bytes).unwrap();
+    let run = uwscan(["recover", &damaged, "-o", &kept, "--force", "--json"]);
+    let lost = &run.json(3)["lost"];
+    assert_eq!(lost.as_array().unwrap().len(), 1, "{lost}");
+    assert!(run.stderr.contains("images/0.pgm") && run.stderr.contains("CRC-32"), "{}", run.stderr);
+    let info = uwscan(["info", &kept, "--json"]).json(3);
+    assert_eq!((&info["images"], info["lost"].as_array().unwrap().len()), (&8.into(), 1), "{info}");
+    assert!(info["warnings"][0].as_str().unwrap().contains("the figures count all rows"), "{info}");
+}
+
 #[test]
 fn what_cannot_be_converted_is_said() {
     let (dir, capture) = (TempDir::new().unwrap(), blank_capture());
     let path = |name: &str| dir.path().join(name);
+    for name in ["nowhere", "nowhere.ply", "nowhere.stl", "nowhere.toml"] {
+        convert(&path(name), &path("x.mcap")).fails(&[name, "cannot open", "check the path"]);
+    }
+    fs::write(capture.path().join("calibration.toml"), [0xff, 0xfe]).unwrap();
+    convert(capture.path(), &path("c.mcap")).fails(&["calibration.toml:1", "is not UTF-8 text"]);
+    fs::remove_file(capture.path().join("calibration.toml")).unwrap();
     convert(capture.path(), &path("there")).fails(&["becomes a recording", ".mcap"]);
     convert(capture.path(), &path("c.mcap")).text();
     convert(capture.path(), &path("c.mcap")).fails(&["exists already", "--force"]);

@@ -220,6 +220,10 @@ fn what_can_not_be_reported_is_refused_and_nothing_is_left() {
     uwscan(["report", &boards, "-c", &calibration, "-o", &page]).fails(&["cal-water", "scan is needed"]);
     uwscan(["report", "nowhere", "-o", &page]).fails(&["nowhere"]);
     uwscan(["report", "nowhere.ply", "-o", &page]).fails(&["nowhere.ply"]);
+    let mesh = text(&out.path().join("m.stl"));
+    fs::write(&mesh, "solid").unwrap();
+    uwscan(["report", &mesh, "-o", &page]).fails(&["m.stl", "this is a mesh", "--reference"]);
+    fs::remove_file(&mesh).unwrap();
     let elsewhere = text(&out.path().join("p.json"));
     uwscan(["report", &cloud, "-o", &elsewhere]).fails(&["p.json", ".html"]);
     uwscan(["report", &cloud, "--reference", "none.stl", "-o", &page]).fails(&["none.stl"]);

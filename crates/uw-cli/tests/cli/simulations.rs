@@ -4,7 +4,7 @@ use std::fs;
 
 use tempfile::TempDir;
 
-use crate::samples::{fixture, uwscan};
+use crate::samples::{edit, fixture, uwscan};
 
 /// What a small scene is changed to: half the image and five voltages, so that it is quick.
 fn small(dir: &TempDir) -> String {
@@ -70,18 +70,27 @@ fn what_cannot_be_simulated_is_said_with_its_place() {
     let good = fs::read_to_string(&scene).unwrap();
     for (from, to, wanted) in [
         ("\"sphere\"", "\"spher\"", "did you mean \"sphere\"?"),
-        ("radius_mm   = 20.0175", "radius_mm   = -1.0", "sphere's radius"),
+        ("radius_mm   = 20.0175", "radius_mm   = -1.0", "object \"ball\": a sphere's radius"),
         ("to_v = 1.1", "to_v = 60.0", "window"),
-        ("\"rig.toml\"", "\"rog.toml\"", "rog.toml"),
+        ("\"water\"", "\"oil\"", "use one of the names"),
+        ("\"water\"", "3", "write one of its names between quotation marks"),
+        ("[0.0, -1.0, 0.0]", "0.0", "write 3 values between brackets"),
     ] {
         let text = good.replacen(from, to, 1);
         assert_ne!(text, good, "{from}");
         fs::write(&scene, text).unwrap();
         let target = dir.path().join("out");
         let run = uwscan(["simulate".as_ref(), scene.as_ref(), "-o".as_ref(), target.as_os_str()]);
-        run.fails(&[wanted]);
+        run.fails(&[&scene, wanted]);
         assert!(!target.exists());
     }
+    let spoilt = |file: &str, from: &str, to: &str, wanted: &[&str]| {
+        fs::write(&scene, &good).unwrap();
+        edit(dir.path(), file, from, to);
+        uwscan(["simulate", &scene, "-o", dir.path().join("out").to_str().unwrap()]).fails(wanted);
+    };
+    spoilt("rig.toml", "[water]\nindex = 1.3351\n", "", &[&scene, "the water's index"]);
+    spoilt("scene.toml", "\"rig.toml\"", "\"rog.toml\"", &["rog.toml"]);
 }
 
 /// The bars are the demo's own: it fails where it misses them. Ten times the time that it takes on two quiet processors is still no hang.

@@ -49,6 +49,8 @@ fn wrong_usage_ends_with_2_and_says_what_is_meant() {
         (&["fit", "sphere", "a.ply", "--radius", "inf"], &["positive number of millimetres"]),
         (&["fit", "sphere", "a.ply", "--radius", "1e300"], &["positive number of millimetres"]),
         (&["fit", "plane", "a.ply", "--radius", "3"], &["--radius"]),
+        (&["shapes", "a.ply", "--max", "0"], &["--max", "give a whole number from 1"]),
+        (&["scan", "--config", "v.toml", "--repeat", "0"], &["--repeat", "give a whole number from 1"]),
         (&["completions", "csh"], &["bash", "zsh", "fish"]),
     ];
     for (args, parts) in cases {

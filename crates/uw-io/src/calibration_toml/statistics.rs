@@ -28,27 +28,56 @@ pub(super) struct StatisticsRecord {
     pub correlated: Vec<CorrelatedRecord>,
 }
 
-#[derive(Clone, Serialize, Deserialize)]
+/// An image that was left out.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct RejectedRecord {
-    file: String,
-    reason: String,
+pub struct RejectedRecord {
+    /// Which.
+    pub file: String,
+    /// Why.
+    pub reason: String,
 }
 
-#[derive(Clone, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct WorstRecord {
-    file: String,
-    rms_px: f64,
-    max_px: f64,
+impl From<&Rejected> for RejectedRecord {
+    fn from(r: &Rejected) -> Self {
+        Self { file: r.file.clone(), reason: r.reason.clone() }
+    }
 }
 
-#[derive(Clone, Serialize, Deserialize)]
+/// An image by its residuals.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct CorrelatedRecord {
-    a: String,
-    b: String,
-    correlation: f64,
+pub struct WorstRecord {
+    /// Which.
+    pub file: String,
+    /// Root mean square, px.
+    pub rms_px: f64,
+    /// Largest, px.
+    pub max_px: f64,
+}
+
+impl From<&WorstImage> for WorstRecord {
+    fn from(w: &WorstImage) -> Self {
+        Self { file: w.file.clone(), rms_px: w.rms_px, max_px: w.max_px }
+    }
+}
+
+/// A pair of parameters that the data hardly tell apart.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CorrelatedRecord {
+    /// One.
+    pub a: String,
+    /// The other.
+    pub b: String,
+    /// Their correlation.
+    pub correlation: f64,
+}
+
+impl From<&CorrelatedPair> for CorrelatedRecord {
+    fn from(p: &CorrelatedPair) -> Self {
+        Self { a: p.a.into(), b: p.b.into(), correlation: p.correlation }
+    }
 }
 
 impl From<&Statistics> for StatisticsRecord {
@@ -66,21 +95,9 @@ impl From<&Statistics> for StatisticsRecord {
             poses_used: s.poses_used,
             frames_used: s.frames_used,
             iterations: s.iterations,
-            rejected: s
-                .rejected
-                .iter()
-                .map(|r| RejectedRecord { file: r.file.clone(), reason: r.reason.clone() })
-                .collect(),
-            worst: s
-                .worst
-                .iter()
-                .map(|w| WorstRecord { file: w.file.clone(), rms_px: w.rms_px, max_px: w.max_px })
-                .collect(),
-            correlated: s
-                .correlated
-                .iter()
-                .map(|p| CorrelatedRecord { a: p.a.into(), b: p.b.into(), correlation: p.correlation })
-                .collect(),
+            rejected: s.rejected.iter().map(Into::into).collect(),
+            worst: s.worst.iter().map(Into::into).collect(),
+            correlated: s.correlated.iter().map(Into::into).collect(),
         }
     }
 }

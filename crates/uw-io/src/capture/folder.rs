@@ -112,6 +112,11 @@ impl Capture {
             self.problems.push(Problem::loss(frame.row, error));
         }
         if self.missing.len() == self.frames.len() {
+            // What the system refuses is not mended by copying.
+            let refused = self.problems.iter().position(|p| matches!(p.error, Error::File { .. }));
+            if let Some(at) = refused {
+                return Err(self.problems.swap_remove(at).error);
+            }
             let what = format!("none of its {} images is there", self.frames.len());
             let mend = "check that the images were copied with it, and the paths in frames.csv";
             return Err(Error::content(Place::file(&csv), what, mend));

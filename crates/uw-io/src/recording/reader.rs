@@ -95,7 +95,7 @@ impl Recording {
             let mend = if end.finished {
                 "give the recording that it was made from"
             } else {
-                "it was cut off before that was written"
+                "it was cut off before that was written, or is damaged there: copy it again from where it was made"
             };
             return Err(Error::content(Place::file(path), what, mend));
         };
@@ -249,6 +249,16 @@ impl Recording {
     /// Whether there is an image of this number.
     pub fn has(&self, row: usize) -> bool {
         self.pictures.contains_key(&row)
+    }
+
+    /// The images that are there, but not as they were recorded.
+    pub fn damaged(&self) -> Vec<Problem> {
+        let present = self.frames.iter().filter(|frame| self.has(frame.row));
+        let damage = |frame: &FrameRecord| {
+            let error = self.stored(frame.row, &self.bytes.path().join(&frame.file)).err()?;
+            Some(Problem::loss(frame.row, error))
+        };
+        present.filter_map(damage).collect()
     }
 
     /// The image of a frame in one channel; `path` names it in errors.

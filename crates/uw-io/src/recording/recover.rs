@@ -23,12 +23,13 @@ const METADATA: &str = "uwscan-recovery";
 pub struct Recovered {
     /// What the new file holds.
     pub counts: Counts,
-    /// What is missing, and what is odd.
+    /// What is missing or damaged, and what is odd.
     pub problems: Vec<Problem>,
 }
 
 /// Writes all that can be read of a recording into a new one with an index, whole or not at all: every message with its
-/// times and number, metadata and files attached. Any MCAP file is taken, whoever made it.
+/// times and number, metadata and files attached. Any MCAP file is taken, whoever made it. An image of ours that is damaged goes along as it is, and
+/// is told of.
 ///
 /// # Errors
 /// [`Error`] where it can't be read, is no MCAP file or holds no message, and where the new file can't be written.
@@ -54,7 +55,10 @@ pub fn recover(torn: &Path, whole: &Path, overwrite: Overwrite) -> Result<Recove
         output.finish()
     })?;
     let problems = match Recording::open(torn) {
-        Ok(recording) => recording.problems,
+        Ok(recording) => {
+            let damaged = recording.damaged();
+            recording.problems.into_iter().chain(damaged).collect()
+        }
         // Another program's file: what is torn is known all the same.
         Err(_) => {
             let lost = |fault| Problem::lost(Error::content(Place::file(torn), fault, "the rest was kept"));

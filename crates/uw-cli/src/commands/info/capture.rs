@@ -71,10 +71,10 @@ pub(super) fn look(dir: &Path, noted: &mut Vec<Problem>, console: &Console) -> a
         }
     };
     let record = record(&capture, image_size)?;
-    let warnings = warnings(&capture, &record);
     let text = text(&capture, &record);
     let mut problems = capture.take_problems();
     problems.extend(lost);
+    let warnings = warnings(&capture, &record, &problems);
     Ok(Content { what: What::Capture(Box::new(record)), text, warnings, problems })
 }
 
@@ -160,7 +160,7 @@ fn record(capture: &Capture, image_size: [u32; 2]) -> Result<Record, Error> {
 }
 
 /// What makes a capture useless for its purpose though each of its files is sound.
-fn warnings(capture: &Capture, record: &Record) -> Vec<String> {
+fn warnings(capture: &Capture, record: &Record, problems: &[Problem]) -> Vec<String> {
     let dir = capture.path.display();
     let mut said = Vec::new();
     if record.laser_on == 0 {
@@ -172,7 +172,7 @@ fn warnings(capture: &Capture, record: &Record) -> Vec<String> {
     if capture.rig.is_none() && capture.kind == Kind::Calibration {
         said.push(format!("{dir}: there is no rig.toml: calibrate needs --rig FILE"));
     }
-    if capture.problems().iter().any(|p| p.severity == Severity::Loss) && record.laser_on > 0 {
+    if problems.iter().any(|p| p.severity == Severity::Loss) && record.laser_on > 0 {
         said.push(format!("{dir}: the figures count all rows, those of lost images too"));
     }
     said

@@ -6,6 +6,7 @@ use serde::Serialize;
 use uwscan::io::{self, meshes};
 
 use super::{Content, What};
+use crate::text::many;
 
 #[derive(Serialize)]
 pub(super) struct Record {
@@ -54,12 +55,16 @@ pub(super) fn look(path: &Path) -> Result<Content, io::Error> {
     let attributes = if record.attributes.is_empty() { none } else { record.attributes.join(", ") };
     let shut = match record.volume_mm3 {
         Some(volume) => format!("closed, {volume:.1} mm³"),
-        None => format!("open, {} loops of {} edges", record.boundary_loops, record.boundary_edges),
+        None => format!("open, {} of {} edges", many(record.boundary_loops, "loop"), record.boundary_edges),
     };
     let mut text = format!(
-        "mesh\n  triangles   {} on {} vertices, {:.1} mm², {} parts\n  surface     {shut}\n  frame       {}\n  \
+        "mesh\n  triangles   {} on {} vertices, {:.1} mm², {}\n  surface     {shut}\n  frame       {}\n  \
          attributes  {attributes}\n",
-        record.triangles, record.vertices, record.area_mm2, record.components, record.frame
+        record.triangles,
+        record.vertices,
+        record.area_mm2,
+        many(record.components, "part"),
+        record.frame
     );
     if let Some((low, high)) = record.low_mm.zip(record.high_mm) {
         let size: Vec<String> = std::iter::zip(low, high).map(|(l, h)| format!("{l:.2} to {h:.2}")).collect();
