@@ -11,6 +11,6 @@ rustup target add "$target"
 export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc
 export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="qemu-aarch64 -L /usr/aarch64-linux-gnu"
 test=(cargo test --package uw-stripe --target "$target" --locked)
-# Every level of NEON against the scalar one, bit for bit; then what was recorded on x86-64.
-"${test[@]}" --lib -- engine::tests
+# Every level of NEON against the scalar one, bit for bit, of all methods; then what was recorded on x86-64.
+"${test[@]}" --lib
 "${test[@]}" --test it -- processors
