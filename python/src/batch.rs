@@ -35,7 +35,7 @@ pub fn batch_jobs(py: Python<'_>, folder: PathBuf) -> PyResult<Vec<(String, Path
 #[pyfunction]
 #[pyo3(signature = (
     name, path: "str | os.PathLike[str]", calibration: "str | os.PathLike[str]", output: "str | os.PathLike[str]",
-    *, refraction = "exact", frame = "camera", stripe = "precise", medium = None, water_index = None, water = None, threads = 1,
+    *, refraction = "exact", frame = "camera", stripe = "robust", medium = None, water_index = None, water = None, threads = 1,
 ) -> "dict[str, typing.Any]")]
 #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
 pub fn batch_one<'py>(

@@ -181,9 +181,9 @@ impl Keywords<'_> {
 ///     "exact" through both windows; "paper": its approximations; "none": straight.
 /// frame : str, default "camera"
 ///     Frame of the points: "camera" or "galvo".
-/// stripe : str, default "precise"
-///     How a stripe's centre is estimated: a method of ``uwscan.extract_stripe``. That one's default is "robust", six times as fast; fitted
-///     shapes, and points in haze, are a little nearer the truth by "precise", which ``uwscan reconstruct`` takes, too.
+/// stripe : str, default "robust"
+///     How a stripe's centre is estimated: a method of ``uwscan.extract_stripe``. "precise" reads noise and width off each image by itself
+///     and takes six times as long; its points are as near the truth.
 /// medium : str, optional
 ///     What is outside the windows, "air" or "water"; by default what the capture says.
 /// water_index : float, optional
@@ -215,7 +215,7 @@ impl Keywords<'_> {
     *,
     refraction: "typing.Literal['exact', 'paper', 'none']" = "exact",
     frame: "typing.Literal['camera', 'galvo']" = "camera",
-    stripe: "typing.Literal['fast', 'robust', 'precise', 'ridge', 'cog', 'blais-rioux']" = "precise",
+    stripe: "typing.Literal['fast', 'robust', 'precise', 'ridge', 'cog', 'blais-rioux']" = "robust",
     medium: "typing.Literal['air', 'water'] | None" = None,
     water_index = None,
     water = None,

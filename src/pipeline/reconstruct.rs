@@ -191,11 +191,12 @@ fn points(
     let reading = Reading::new(rig, SaidBy::Calibration);
     let across = calibration.calibration.across;
     let groups = by_background(&capture);
-    if settings.stripe != stripes::METHOD && groups.iter().any(|(dark, _)| dark.is_some()) {
+    let suits = [StripeMethod::Robust, StripeMethod::Precise].contains(&settings.stripe);
+    if !suits && groups.iter().any(|(dark, _)| dark.is_some()) {
         notes.warnings.push(format!(
             "{}: has images with the laser off, and where they are subtracted stripes are measured by the {} method, not by {}",
             capture.path.display(),
-            stripes::METHOD.name(),
+            StripeMethod::Precise.name(),
             settings.stripe.name()
         ));
     }

@@ -8,9 +8,8 @@ use uw_calib::Across;
 use uw_io::{Capture, FrameRecord, GrayImage};
 use uw_stripe::{Axis, Extractor, Method, NoiseModel, Options, Stripe, StripeError};
 
-/// What stripes are measured by where nothing else is asked for: each image by itself, bends corrected, sigmas that hold at edges and in
-/// speckle. It takes longer than the library's default, and measurement is what a scan is for.
-pub const METHOD: Method = Method::Precise;
+/// What a scan's stripes are measured by where nothing else is asked for (docs/adr/0065).
+pub const METHOD: Method = Method::Robust;
 /// Images that tell noise and width to the methods that keep them.
 const LEARNED_FROM: usize = 12;
 
@@ -28,9 +27,9 @@ pub(crate) fn axis(across: Across) -> Axis {
     }
 }
 
-/// An extractor for images of `bits` significant bits.
+/// An extractor that measures each image of `bits` significant bits by itself.
 pub(crate) fn extractor(across: Across, bits: u8, reject_edges: bool) -> Result<Extractor, StripeError> {
-    Extractor::new(Options { reject_edges, ..options(across, bits, METHOD) })
+    Extractor::new(Options { reject_edges, ..options(across, bits, Method::Precise) })
 }
 
 fn options(across: Across, bits: u8, method: Method) -> Options {

@@ -46,7 +46,7 @@ pub struct Args {
 #[derive(Debug, clap::Args)]
 pub struct How {
     /// How a stripe's centre is estimated
-    #[arg(long, value_name = "METHOD", default_value = "precise")]
+    #[arg(long, value_name = "METHOD", default_value = "robust")]
     stripe: StripeArg,
     /// How light is traced
     #[arg(long, default_value = "exact")]
@@ -76,9 +76,9 @@ pub struct How {
 enum StripeArg {
     /// Matched filters at each line's strongest candidate, for speed in clear water
     Fast,
-    /// The same at two candidates, neighbours deciding, and likelihood where filters do not suit
+    /// The same at two candidates, neighbours deciding, and likelihood where filters do not suit, or an image with the laser off is subtracted
     Robust,
-    /// Maximum likelihood of every line, noise and width from the image itself
+    /// Maximum likelihood of every line, noise and width from each image by itself
     Precise,
     /// Steger's ridge detector, pooled along the stripe
     Ridge,
