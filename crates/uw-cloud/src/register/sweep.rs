@@ -23,7 +23,7 @@ pub struct SweepSurface<'a> {
     pub(super) points: Neighbours,
     /// About each point that a triangle has as a corner.
     pub(super) forms: Vec<Option<Form>>,
-    /// Points on a border of the surface or on none of its triangles: what lies nearest to these may lie beyond it.
+    /// Points on a border of the surface: what lies nearest to these may lie beyond it.
     open: Vec<bool>,
 }
 
@@ -76,7 +76,11 @@ impl<'a> SweepSurface<'a> {
         }
         let nearest = known.nearest;
         let off = moved - self.cloud.vector(nearest);
-        let form = self.forms[nearest].as_ref().filter(|_| !self.open[nearest])?;
+        let form = self.forms[nearest].as_ref()?;
+        // What lies farther along the surface from a point on its border than inner points do from theirs may lie beyond it.
+        if self.open[nearest] && off.norm_squared() - form.normal.dot(&off).powi(2) > form.own_mm2 {
+            return None;
+        }
         // Neighbours on the surface may lie apart by more than what is looked for across it.
         if off.norm_squared() > (reach + form.reach_mm).powi(2) {
             return None;
