@@ -79,15 +79,25 @@ impl Neighbours {
         counts: &[usize],
         of: impl Fn(&Hood<'_>) -> Option<T>,
     ) -> Vec<Option<T>> {
-        let mut scratch = Scratch::default();
-        let mut about = |place: [f64; 3]| {
-            let Scratch { best, near, distances2, .. } = &mut scratch;
-            counts.iter().find_map(|&count| {
-                self.nearest_into(&place, count, best);
+        // How far neighbourhoods are guessed to reach depends on how many there are of.
+        let mut scratches: Vec<Scratch> = counts.iter().map(|_| Scratch::default()).collect();
+        let mut about = |place: [f64; 3], alone: bool| {
+            counts.iter().zip(&mut scratches).find_map(|(&count, scratch)| {
+                let count = count.min(self.len());
+                let own = if alone { 0.0 } else { self.gather(&place, 0.0, count, scratch).0 };
+                let Scratch { best, candidates, near, distances2, guess, .. } = scratch;
                 near.clear();
                 distances2.clear();
-                near.extend(best.iter().map(|near| self.sites[near.slot as usize].at));
-                distances2.extend(best.iter().map(|near| near.distance2));
+                if alone {
+                    self.nearest_into(&place, count, best);
+                    near.extend(best.iter().map(|near| self.sites[near.slot as usize].at));
+                    distances2.extend(best.iter().map(|near| near.distance2));
+                } else {
+                    *guess = GUESSED_MORE * own;
+                    candidates.nearest(&place, count, own, own * ROUNDED_UP);
+                    near.extend(candidates.found.iter().map(|&(_, slot)| candidates.at(slot)));
+                    distances2.extend(candidates.found.iter().map(|&(distance2, _)| distance2));
+                }
                 of(&Hood { place, near, distances2 })
             })
         };
@@ -95,10 +105,10 @@ impl Neighbours {
         for (from, to) in self.leaves() {
             let leaf = &self.sites[from..to];
             let (middle, half) = bulk(leaf);
-            let shared = about(middle);
+            let shared = about(middle, false);
             for site in leaf {
                 let own = square(&site.at, &middle) <= (half * ROUNDED_UP).powi(2);
-                all[site.index as usize] = if own { shared } else { about(site.at) };
+                all[site.index as usize] = if own { shared } else { about(site.at, true) };
             }
         }
         all

@@ -17,7 +17,7 @@ const NO_MATTER: f64 = 0.005;
 /// Points that poses are compared by.
 pub(super) const COMPARED: usize = 1500;
 /// Points that tell a pose that fits by far worse, and by how much more than needed they have to tell it: the others are not asked then.
-const FEW: usize = 300;
+const FEW: usize = 150;
 const BY_FAR: f64 = 2.0;
 /// Displacements along a motion that are tried, in units of the cloud's radius.
 const DISPLACED: [f64; 3] = [0.1, 0.05, 0.02];
