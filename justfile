@@ -29,7 +29,7 @@ bench *FILTER:
 monte-carlo TRIALS="200":
     UWSCAN_TRIALS={{TRIALS}} cargo test --locked --package uw-calib --test joint accuracy -- --nocapture
 
-# How time and memory of trees, normals, outliers, thinning, meshes and shapes grow from ten thousand to ten million points
+# How time and memory of trees, normals, outliers, thinning, meshes and shapes grow from ten thousand to ten million points: denser, or with `larger` on a larger scene
 clouds-scale *ARGS:
     cargo run --release --locked --package uw-cloud --example cloud_scale -- {{ARGS}}
 

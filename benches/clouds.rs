@@ -3,6 +3,7 @@
 mod scan;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use scan::Growth;
 use std::hint::black_box;
 use uwscan::cloud::{
     self, NORMAL_NEIGHBOURS, Neighbours, PointCloud, ShapeOptions, SphereOptions, SurfaceOptions,
@@ -20,7 +21,7 @@ fn about_a_ball(cloud: &PointCloud) -> PointCloud {
 }
 
 fn clouds(c: &mut Criterion) {
-    let cloud = scan::sweep(POINTS);
+    let cloud = scan::sweep(POINTS, Growth::Finer);
     let mut group = c.benchmark_group("clouds");
     group.sample_size(20).throughput(Throughput::Elements(cloud.len() as u64));
     group.bench_function("baseline: k-d tree", |b| {

@@ -19,10 +19,26 @@ const ROWS: f64 = 240.0;
 const FIELD: f64 = 0.24;
 const HEIGHT: f64 = 0.2;
 
-/// Returns a cloud of about so many points, with pixels, frames and covariances: sheets and rows lie closer by the root of them.
-pub fn sweep(points: usize) -> PointCloud {
-    let finer = (points as f64 / (SHEETS * ROWS)).sqrt();
-    let [sheets, rows] = [SHEETS, ROWS].map(|n| (n * finer).round() as u32);
+/// How a sweep of more points grows.
+#[derive(Clone, Copy)]
+pub enum Growth {
+    /// Sheets and rows lie closer, by the root of the points: on the same scene, with the same noise.
+    Finer,
+    /// Scene, baseline and image are larger, by the root of the points: as dense, with the same noise.
+    #[allow(dead_code, reason = "only one of those that share this module asks for it")]
+    Larger,
+}
+
+/// Returns a cloud of about so many points, with pixels, frames and covariances.
+pub fn sweep(points: usize, growth: Growth) -> PointCloud {
+    let more = (points as f64 / (SHEETS * ROWS)).sqrt();
+    let larger = match growth {
+        Growth::Finer => 1.0,
+        Growth::Larger => more,
+    };
+    let [sheets, rows] = [SHEETS, ROWS].map(|n| (n * more).round() as u32);
+    let balls = BALLS.map(|(center, radius)| (center.map(|c| larger * c), larger * radius));
+    let (baseline, focal) = (larger * BASELINE_MM, larger * FOCAL_PX);
     let mut random = StdRng::seed_from_u64(1);
     let mut measured = Vec::with_capacity(points);
     for sheet in 0..sheets {
@@ -30,20 +46,20 @@ pub fn sweep(points: usize) -> PointCloud {
         for row in 0..rows {
             let across = HEIGHT * (f64::from(row) / f64::from(rows) - 0.5);
             // The plate is z = 920 + 0.1 x, with x = slope z − baseline.
-            let plate = (920.0 - 0.1 * BASELINE_MM) / (1.0 - 0.1 * slope);
-            let depth = BALLS.iter().filter_map(|ball| meets(slope, across, ball)).fold(plate, f64::min);
+            let plate = (larger * 920.0 - 0.1 * baseline) / (1.0 - 0.1 * slope);
+            let met = balls.iter().filter_map(|ball| meets(baseline, slope, across, ball));
+            let depth = met.fold(plate, f64::min);
             // Box and Muller.
             let (a, b): (f64, f64) = (1.0 - random.random::<f64>(), random.random());
             let shift = NOISE_PX * (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos();
-            let depth = BASELINE_MM / (BASELINE_MM / depth - shift / FOCAL_PX);
-            let along =
-                Vector3::new(slope, across, 1.0) * (depth * depth / (BASELINE_MM * FOCAL_PX) * NOISE_PX);
-            let position = [slope * depth - BASELINE_MM, across * depth, depth];
+            let depth = baseline / (baseline / depth - shift / focal);
+            let along = Vector3::new(slope, across, 1.0) * (depth * depth / (baseline * focal) * NOISE_PX);
+            let position = [slope * depth - baseline, across * depth, depth];
             measured.push(CloudPoint {
                 position_mm: position,
                 intensity: 100.0,
                 frame_row: sheet,
-                pixel: [position[0] / depth, position[1] / depth].map(|tangent| (tangent * FOCAL_PX) as f32),
+                pixel: [position[0] / depth, position[1] / depth].map(|tangent| (tangent * focal) as f32),
                 sigma_mm: along.norm() as f32,
                 covariance_mm2: [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
                     .map(|(i, j)| (along[i] * along[j]) as f32),
@@ -54,8 +70,8 @@ pub fn sweep(points: usize) -> PointCloud {
 }
 
 /// The depth at which a line of light first meets a ball, where the camera sees it there.
-fn meets(slope: f64, across: f64, (center, radius): &([f64; 3], f64)) -> Option<f64> {
-    let (start, way) = (Vector3::new(-BASELINE_MM, 0.0, 0.0), Vector3::new(slope, across, 1.0));
+fn meets(baseline: f64, slope: f64, across: f64, (center, radius): &([f64; 3], f64)) -> Option<f64> {
+    let (start, way) = (Vector3::new(-baseline, 0.0, 0.0), Vector3::new(slope, across, 1.0));
     let arm = start - Vector3::from(*center);
     let half = arm.dot(&way) / way.norm_squared();
     let root = half * half - (arm.norm_squared() - radius * radius) / way.norm_squared();

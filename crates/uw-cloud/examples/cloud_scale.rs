@@ -1,7 +1,7 @@
 //! How time and memory of each operation grow with a cloud, up to ten million points.
 //!
-//! `cargo run --release -p uw-cloud --example cloud_scale -- [POINTS…] [OPERATION…]`: operations are `tree`, `normals`, `outliers`, `thin`, `mesh` and `shapes`; all
-//! without one. One process for all, from the smallest, so that the peak of memory is the largest's. A small cloud is run several times, and the shortest counts.
+//! `cargo run --release -p uw-cloud --example cloud_scale -- [larger] [POINTS…] [OPERATION…]`: operations are `tree`, `normals`, `outliers`, `thin`, `mesh` and `shapes`; all
+//! without one. More points lie closer on the same scene, or as close on a larger one (`larger`). One process for all, from the smallest, so that the peak of memory is the largest's. A small cloud is run several times, and the shortest counts.
 
 #![allow(clippy::print_stdout, reason = "the table of figures is what is asked for")]
 #![allow(clippy::unwrap_used, reason = "a bench that can't run says so by stopping")]
@@ -9,6 +9,7 @@
 #[path = "../../../benches/scan/mod.rs"]
 mod scan;
 
+use scan::Growth;
 use std::time::Instant;
 use uw_cloud as cloud;
 use uw_cloud::{
@@ -55,11 +56,12 @@ fn main() {
     if sizes.is_empty() {
         sizes = vec![10_000, 100_000, 1_000_000, 10_000_000];
     }
+    let growth = if words.iter().any(|word| word == "larger") { Growth::Larger } else { Growth::Finer };
     let named: Vec<&str> = OPERATIONS.into_iter().filter(|o| words.iter().any(|word| word == o)).collect();
     let operations = if named.is_empty() { OPERATIONS.to_vec() } else { named };
     println!("    points  operation          s   worked s  ns/(n log2 n)     result  peak GiB");
     for points in sizes {
-        let cloud = scan::sweep(points);
+        let cloud = scan::sweep(points, growth);
         let n = cloud.len() as f64;
         for operation in &operations {
             let (mut best, mut least, mut all, mut result) = (f64::INFINITY, f64::INFINITY, 0.0, 0);
@@ -75,7 +77,7 @@ fn main() {
             println!(
                 "{:>10}  {operation:<9} {best:>10.4} {least:>10.4} {:>14.3} {result:>10} {:>9.2}",
                 cloud.len(),
-                1e9 * best / (n * n.log2()),
+                1e9 * if least.is_finite() { least } else { best } / (n * n.log2()),
                 peak_gib()
             );
         }

@@ -6,6 +6,7 @@ use crate::deviations::{Deviations, Influence};
 use crate::error::FitError;
 use crate::fit::{Foot, Surface, fit};
 use crate::plane::square_to;
+use crate::round::principal;
 use crate::sample::{Observation, Sample};
 use nalgebra::{DMatrix, SMatrix, SVector, Unit, Vector3};
 
@@ -210,10 +211,8 @@ impl Ring {
             a.component_mul(&b).dot(&variances),
             b.component_mul(&b).dot(&variances),
         );
-        // By the angle, not by `round::principal`: of a ring in an exact plane half of the residuals would be nil, and their median scatter with them.
-        let (s, c) = (0.5 * (2.0 * ab).atan2(aa - bb)).sin_cos();
-        let (mean, spread) = (0.5 * (aa + bb), (0.5 * (aa - bb)).hypot(ab));
-        let least = (mean - spread).max(floor_mm * floor_mm);
+        let ([c, s], [most, least]) = principal(aa, ab, bb);
+        let least = least.max(floor_mm * floor_mm);
         let [first, second] = square_to(&self.normal);
         let (x, y) = (outward.dot(&first), outward.dot(&second));
         let along = |c: f64, s: f64, variance_mm2: f64| Foot {
@@ -229,7 +228,7 @@ impl Ring {
                 -s,
             ),
         };
-        [along(c, s, mean + spread), along(-s, c, least)]
+        [along(c, s, most), along(-s, c, least)]
     }
 
     fn gradient_change(&self, foot: &Foot<6>) -> SMatrix<f64, 6, 3> {

@@ -186,6 +186,13 @@ fn normal_equations<S: Surface<P>, const P: usize>(
     normal
 }
 
+/// Returns the standard deviation of distances in units of their own, half of which may be anything: the larger one of the two directions that a curve is missed in. Where points lie in one plane to the
+/// last digit there is none in the one, and together the median would be nil.
+fn scatter<'a, const P: usize>(feet: impl Iterator<Item = &'a Feet<P>> + Clone) -> f64 {
+    let first = scale_about_zero(feet.clone().map(|feet| feet.0.distance()));
+    first.max(scale_about_zero(feet.filter_map(|feet| Some(feet.1.as_ref()?.distance()))))
+}
+
 /// Where a fit stands: the surface, its floor, which points are sound, and their residuals.
 struct Stand<S, const P: usize> {
     surface: S,
@@ -215,7 +222,7 @@ pub(crate) fn fit<S: Surface<P>, const P: usize>(
             return settled(start.clone(), first, near(points), points, limit, sample);
         };
         let sound = feet.iter().zip(&inliers).filter(|(_, sound)| **sound);
-        let accepted = scale_about_zero(sound.map(|(f, _)| f.distance()));
+        let accepted = scatter(sound.map(|(feet, _)| feet));
         let accepted = if sample.has_covariances { accepted.max(1.0) } else { accepted };
         let sound = |o: &&Observation| {
             let foot = Feet::of(&surface, o, floor.used_mm);
@@ -267,7 +274,7 @@ fn settled<S: Surface<P>, const P: usize>(
         feet.extend(points.iter().map(|o| Feet::of(&surface, o, floor.used_mm)));
         let kept: Vec<_> = feet.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(f, _)| f).collect();
         let residuals = || kept.iter().flat_map(|f| f.each());
-        let mut accepted = scale_about_zero(residuals().map(Foot::distance));
+        let mut accepted = scatter(kept.iter().copied());
         let next_floor = if sample.has_covariances {
             // A covariance that is too large by all appearances still says what error was to be expected.
             accepted = accepted.max(1.0);

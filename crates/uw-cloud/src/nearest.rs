@@ -15,19 +15,17 @@ pub struct NearestOnMesh<'a> {
     /// Triangles in the order of the leaves.
     order: Vec<u32>,
     nodes: Vec<Node>,
-    /// Unit normals of the triangles.
-    faces: Vec<Vector3<f64>>,
     /// Made when a side is asked for first: a sweep's points are laid onto other points, and only its faces' places are.
     sides: OnceLock<Sides>,
-    links: Links,
-    /// Edges of one triangle, of three or more, or of two that disagree; and vertices on such an edge.
-    open_vertices: Vec<bool>,
 }
 
-/// Pseudonormals of the edges, three a triangle, and of the vertices.
+/// Pseudonormals of the edges, three a triangle, and of the vertices; and what is open: edges of one triangle, of three or more, or of two that disagree, and
+/// vertices on such an edge.
 struct Sides {
     edges: Vec<Vector3<f64>>,
     vertices: Vec<Vector3<f64>>,
+    links: Links,
+    open_vertices: Vec<bool>,
 }
 
 struct Node {
@@ -69,39 +67,30 @@ impl<'a> NearestOnMesh<'a> {
     /// Signs are those of angle-weighted pseudonormals (J. Bærentzen, H. Aanæs, IEEE TVCG 11 (2005) 243), which are right
     /// on edges and vertices, too.
     pub fn new(mesh: &'a TriangleMesh) -> Option<Self> {
-        let faces: Vec<_> = (0..mesh.triangles().len())
-            .map(|t| mesh.area_vector(t).try_normalize(0.0).unwrap_or_default())
-            .collect();
         let low = Vector3::from(mesh.bounding_box_mm()?.0);
-        let mut middles: Vec<Middle> = (0..faces.len() as u32)
-            .filter(|&t| faces[t as usize].norm_squared() > 0.0)
-            .map(|t| Middle::of(mesh, t, &low))
-            .collect();
-        if middles.is_empty() {
+        let mut middles: Vec<Middle> =
+            with_area(mesh, 0..mesh.triangles().len() as u32).map(|t| Middle::of(mesh, t, &low)).collect();
+        halve(&mut middles);
+        Self::of_order(mesh, middles.iter().map(|middle| middle.triangle).collect())
+    }
+
+    /// Returns the tree over a mesh's triangles, given in an order in which what is near is near in space; `None` where none of them has an area.
+    pub(crate) fn in_order(mesh: &'a TriangleMesh, order: impl Iterator<Item = u32>) -> Option<Self> {
+        Self::of_order(mesh, with_area(mesh, order).collect())
+    }
+
+    fn of_order(mesh: &'a TriangleMesh, order: Vec<u32>) -> Option<Self> {
+        if order.is_empty() {
             return None;
         }
-        let links = Links::new(mesh.triangles(), mesh.vertices_mm().len());
-        let mut open_vertices = vec![false; mesh.vertices_mm().len()];
-        for (t, corners) in mesh.triangles().iter().enumerate() {
-            for k in (0..3).filter(|k| links.twins[3 * t + k] == NONE) {
-                open_vertices[corners[k] as usize] = true;
-                open_vertices[corners[(k + 1) % 3] as usize] = true;
-            }
-        }
-        let mut nodes = Vec::with_capacity(2 * middles.len() / LEAF + 1);
-        split(mesh, &mut middles, 0, &mut nodes);
-        let order = middles.iter().map(|middle| middle.triangle).collect();
-        Some(Self { mesh, order, nodes, faces, sides: OnceLock::new(), links, open_vertices })
+        let mut nodes = Vec::with_capacity(2 * order.len() / LEAF + 1);
+        boxes(mesh, &order, 0, &mut nodes);
+        Some(Self { mesh, order, nodes, sides: OnceLock::new() })
     }
 
     /// Returns the mesh.
     pub fn mesh(&self) -> &TriangleMesh {
         self.mesh
-    }
-
-    /// Returns whether a vertex lies on a border, or on an edge whose triangles do not agree.
-    pub(crate) fn is_open(&self, vertex: usize) -> bool {
-        self.open_vertices[vertex]
     }
 
     /// Returns the point of the mesh nearest to a place, mm; in time that grows with the logarithm of the triangles.
@@ -153,24 +142,7 @@ impl<'a> NearestOnMesh<'a> {
     }
 
     fn sides(&self) -> &Sides {
-        let Self { mesh, faces, links, .. } = self;
-        self.sides.get_or_init(|| {
-            let mut vertices = vec![Vector3::zeros(); mesh.vertices_mm().len()];
-            let mut edges = vec![Vector3::zeros(); 3 * faces.len()];
-            for (t, corners) in mesh.triangles().iter().enumerate() {
-                let angles = corner_angles(mesh.corners(t));
-                for k in 0..3 {
-                    let angle = if angles[k].is_finite() { angles[k] } else { 0.0 };
-                    vertices[corners[k] as usize] += faces[t] * angle;
-                    edges[3 * t + k] = faces[t];
-                    let twin = links.twins[3 * t + k];
-                    if twin != NONE {
-                        edges[3 * t + k] += faces[twin as usize / 3];
-                    }
-                }
-            }
-            Sides { edges, vertices }
-        })
+        self.sides.get_or_init(|| Sides::of(self.mesh))
     }
 
     /// What is to be said of a point that was found.
@@ -180,17 +152,61 @@ impl<'a> NearestOnMesh<'a> {
         (square, point, part, t): (f64, Vector3<f64>, Part, u32),
     ) -> Nearest {
         let t = t as usize;
+        let face = face(self.mesh, t);
         let corner = |k: usize| self.mesh.triangles()[t][k] as usize;
         let (normal, on_border) = match part {
-            Part::Face => (self.faces[t], false),
-            Part::Edge(k) => (self.sides().edges[3 * t + k], self.links.twins[3 * t + k] == NONE),
-            Part::Corner(k) => (self.sides().vertices[corner(k)], self.open_vertices[corner(k)]),
+            Part::Face => (face, false),
+            Part::Edge(k) => {
+                let sides = self.sides();
+                (sides.edges[3 * t + k], sides.links.twins[3 * t + k] == NONE)
+            }
+            Part::Corner(k) => {
+                let sides = self.sides();
+                (sides.vertices[corner(k)], sides.open_vertices[corner(k)])
+            }
         };
-        let normal = normal.try_normalize(0.0).unwrap_or(self.faces[t]);
+        let normal = normal.try_normalize(0.0).unwrap_or(face);
         let distance = square.sqrt();
         let signed_mm = if normal.dot(&(place - point)) < 0.0 { -distance } else { distance };
         Nearest { point_mm: point.into(), signed_mm, normal: normal.into(), triangle: t, on_border }
     }
+}
+
+impl Sides {
+    fn of(mesh: &TriangleMesh) -> Self {
+        let triangles = mesh.triangles();
+        let links = Links::new(triangles, mesh.vertices_mm().len());
+        let faces: Vec<_> = (0..triangles.len()).map(|t| face(mesh, t)).collect();
+        let mut vertices = vec![Vector3::zeros(); mesh.vertices_mm().len()];
+        let mut open_vertices = vec![false; vertices.len()];
+        let mut edges = vec![Vector3::zeros(); 3 * faces.len()];
+        for (t, corners) in triangles.iter().enumerate() {
+            let angles = corner_angles(mesh.corners(t));
+            for k in 0..3 {
+                let angle = if angles[k].is_finite() { angles[k] } else { 0.0 };
+                vertices[corners[k] as usize] += faces[t] * angle;
+                edges[3 * t + k] = faces[t];
+                let twin = links.twins[3 * t + k];
+                if twin == NONE {
+                    open_vertices[corners[k] as usize] = true;
+                    open_vertices[corners[(k + 1) % 3] as usize] = true;
+                } else {
+                    edges[3 * t + k] += faces[twin as usize / 3];
+                }
+            }
+        }
+        Self { edges, vertices, links, open_vertices }
+    }
+}
+
+/// Returns a triangle's unit normal; of no length for one without an area.
+fn face(mesh: &TriangleMesh, triangle: usize) -> Vector3<f64> {
+    mesh.area_vector(triangle).try_normalize(0.0).unwrap_or_default()
+}
+
+/// Returns those of some triangles that have an area.
+fn with_area(mesh: &TriangleMesh, triangles: impl Iterator<Item = u32>) -> impl Iterator<Item = u32> {
+    triangles.filter(|&t| mesh.area_vector(t as usize).norm_squared() > 0.0)
 }
 
 impl Node {
@@ -215,31 +231,42 @@ impl Middle {
     }
 }
 
-/// Appends the tree over some triangles, halved along the longest side of the box about their middles, and returns the box about them.
-fn split(
-    mesh: &TriangleMesh,
-    order: &mut [Middle],
-    first: u32,
-    nodes: &mut Vec<Node>,
-) -> (Vector3<f64>, Vector3<f64>) {
-    let at = nodes.len();
+/// Puts triangles in the order of a tree's leaves: halved along the longest side of the box about their middles.
+fn halve(order: &mut [Middle]) {
     if order.len() <= LEAF {
-        let corners = || order.iter().flat_map(|middle| mesh.corners(middle.triangle as usize));
-        let low = corners().fold(Vector3::repeat(f64::INFINITY), |low, corner| low.inf(&corner));
-        let high = corners().fold(Vector3::repeat(f64::NEG_INFINITY), |high, corner| high.sup(&corner));
-        nodes.push(Node { low, high, at: first, count: order.len() as u32 });
-        return (low, high);
+        return;
     }
-    nodes.push(Node { low: Vector3::zeros(), high: Vector3::zeros(), at: 0, count: 0 });
     let axis = longest_side(order);
     let half = order.len() / 2;
     order.select_nth_unstable_by(half, |a, b| {
         a.at[axis].total_cmp(&b.at[axis]).then(a.triangle.cmp(&b.triangle))
     });
     let (lower, upper) = order.split_at_mut(half);
-    let own = split(mesh, lower, first, nodes);
+    halve(lower);
+    halve(upper);
+}
+
+/// Appends the tree over triangles in the order of its leaves, and returns the box about them.
+fn boxes(
+    mesh: &TriangleMesh,
+    order: &[u32],
+    first: u32,
+    nodes: &mut Vec<Node>,
+) -> (Vector3<f64>, Vector3<f64>) {
+    let at = nodes.len();
+    if order.len() <= LEAF {
+        let corners = || order.iter().flat_map(|&triangle| mesh.corners(triangle as usize));
+        let low = corners().fold(Vector3::repeat(f64::INFINITY), |low, corner| low.inf(&corner));
+        let high = corners().fold(Vector3::repeat(f64::NEG_INFINITY), |high, corner| high.sup(&corner));
+        nodes.push(Node { low, high, at: first, count: order.len() as u32 });
+        return (low, high);
+    }
+    nodes.push(Node { low: Vector3::zeros(), high: Vector3::zeros(), at: 0, count: 0 });
+    let half = order.len() / 2;
+    let (lower, upper) = order.split_at(half);
+    let own = boxes(mesh, lower, first, nodes);
     let second = nodes.len() as u32;
-    let other = split(mesh, upper, first + half as u32, nodes);
+    let other = boxes(mesh, upper, first + half as u32, nodes);
     let (low, high) = (own.0.inf(&other.0), own.1.sup(&other.1));
     nodes[at] = Node { low, high, at: second, count: 0 };
     (low, high)

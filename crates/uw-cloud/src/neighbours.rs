@@ -308,9 +308,15 @@ fn halve(sites: &mut [Site], mut levels: Vec<&mut [Cut]>) {
 }
 
 fn corners<'a>(sites: impl Iterator<Item = &'a Site>) -> ([f64; 3], [f64; 3]) {
-    sites.fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(low, high), site| {
-        (std::array::from_fn(|k| low[k].min(site.at[k])), std::array::from_fn(|k| high[k].max(site.at[k])))
-    })
+    // Comparisons rather than `min` and `max`: each is one of the processor's instructions.
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for Site { at, .. } in sites {
+        for k in 0..3 {
+            low[k] = if at[k] < low[k] { at[k] } else { low[k] };
+            high[k] = if at[k] > high[k] { at[k] } else { high[k] };
+        }
+    }
+    (low, high)
 }
 
 #[inline]

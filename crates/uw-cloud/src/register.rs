@@ -31,7 +31,7 @@ pub(crate) use joint::{Joint, joint};
 use nalgebra::{Isometry3, Matrix6, Vector3, Vector6};
 use pose::Pose;
 use rayon::prelude::*;
-use refine::{Bounds, FARTHEST, Fitted, refine};
+use refine::{Bounds, FARTHEST, Fitted, refine, unknown_along};
 use rivals::Judge;
 pub(crate) use sample::Samples;
 use sample::{Onto, Sample, TUKEY, Target};
@@ -197,9 +197,9 @@ fn aligned(samples: &Samples, target: &Target<'_, '_>, start: Start) -> Registra
     let mut fitted = refine(target, &all, radius, begun, short, &[]);
     let floor = fitted.floor.clamp(1e-6 * radius, MOST_SCATTER * radius);
     let judge = Judge::new(samples, target, rivals::COMPARED, floor);
-    let mut free = Vec::new();
+    let (mut free, mut covariance) = (Vec::new(), fitted.covariance(radius));
     if fitted.rms.is_finite() {
-        free = rivals::undetermined(samples, &judge, &fitted);
+        free = rivals::undetermined(samples, &judge, &fitted, &covariance);
         if !free.is_empty() {
             // What is not determined stays as it was begun with: of a start anywhere, as the cloud's own coordinates have it.
             let again = match start {
@@ -209,18 +209,20 @@ fn aligned(samples: &Samples, target: &Target<'_, '_>, start: Start) -> Registra
             if again.rms.is_finite() && Judge::as_good(&judge.costs(&again.pose), &judge.costs(&fitted.pose))
             {
                 fitted = again;
+                covariance = fitted.covariance(radius);
             }
         }
     }
     let rivals = rivals::rivals(samples, &judge, &fitted.pose, &others, &free);
     let reach = TUKEY * floor + 3.0 * TUKEY * fitted.rms.min(radius);
     let pose = Pose::of(&fitted.pose, &samples.middle);
-    let facing = |sample: &&Sample| {
+    let facing = |(sample, known): (&&Sample, &mut Known)| {
         let turned = pose.direction(&sample.normal?);
-        let near = Target { signed: true, ..*target }.matched(sample, &pose, reach, &mut Known::default())?;
+        let near = Target { signed: true, ..*target }.matched(sample, &pose, reach, known)?;
         Some(turned.dot(&near.normal) < 0.0)
     };
-    let sides: Vec<bool> = judge.points.iter().filter_map(facing).collect();
+    let some = all.iter().zip(&mut fitted.known).step_by(all.len().div_ceil(rivals::COMPARED));
+    let sides: Vec<bool> = some.filter_map(facing).collect();
     let away = sides.iter().filter(|away| **away).count();
     let beside = all.iter().zip(&mut fitted.known);
     let on = beside.map(|(sample, known)| target.cost(sample, &pose, floor, known) < 1.0);
@@ -229,7 +231,7 @@ fn aligned(samples: &Samples, target: &Target<'_, '_>, start: Start) -> Registra
         overlap,
         reversed: samples.signed && 2 * away > sides.len(),
         rivals,
-        ..told(&fitted, samples, &free)
+        ..told(&fitted, &unknown_along(&free, &covariance, radius), samples, &free)
     }
 }
 
@@ -261,14 +263,19 @@ fn unmoved(
     )
 }
 
-fn told(fitted: &Fitted, samples: &Samples, free: &[Vector6<f64>]) -> Registration {
+fn told(
+    fitted: &Fitted,
+    covariance: &Matrix6<f64>,
+    samples: &Samples,
+    free: &[Vector6<f64>],
+) -> Registration {
     let unit = 1.0 / samples.radius;
     let units = Matrix6::from_diagonal(&Vector6::new(unit, unit, unit, 1.0, 1.0, 1.0));
     let motion =
         |way: &Vector6<f64>| Motion { turn: [way[0], way[1], way[2]], shift: [way[3], way[4], way[5]] };
     Registration {
         mesh_from_cloud: fitted.pose,
-        covariance: units * fitted.covariance(free, samples.radius) * units,
+        covariance: units * covariance * units,
         middle_mm: samples.middle.into(),
         rms_mm: fitted.rms,
         overlap: 0.0,

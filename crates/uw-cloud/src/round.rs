@@ -80,12 +80,15 @@ pub(crate) fn refuse_filling(
     Ok(())
 }
 
-/// Returns the principal axes of the symmetric matrix (aa, ab; ab, bb): cosine and sine of the angle that the axis of the larger value is turned by, the larger and the smaller value.
+/// Returns the principal axes of the symmetric matrix (aa, ab; ab, bb): cosine and sine of the angle that the axis of the larger value is turned by, the larger and the smaller value. Where
+/// they are alike the axes stay as they are.
 pub(crate) fn principal(aa: f64, ab: f64, bb: f64) -> ([f64; 2], [f64; 2]) {
+    /// Of sums of some products, in units of the mean value: what differs by less has no axes, and rounding's are another for each point.
+    const ROUNDING: f64 = 32.0 * f64::EPSILON;
     let (mean, half) = (0.5 * (aa + bb), 0.5 * (aa - bb));
     let spread = (half * half + ab * ab).sqrt();
     let values = [mean + spread, mean - spread];
-    if spread <= 0.0 {
+    if spread <= ROUNDING * mean {
         return ([1.0, 0.0], values);
     }
     // Half of an angle of which cosine and sine are known; the larger of its own two comes first, as nothing cancels in it.

@@ -174,10 +174,10 @@ fn renumbered(triangles: &mut [[u32; 3]], points: usize) -> Vec<u32> {
 /// The shape of the spacing is D. Tyler's estimate (Ann. Statist. 15 (1987) 234) from the edges, which long ones across voids do not
 /// move.
 fn isotropic(places: &[[f64; 2]], flat: &delaunay::Flat) -> Option<Vec<[f64; 2]>> {
-    const MOST_EDGES: usize = 2000;
+    const MOST_TRIANGLES: usize = 500;
     const ROUNDS: usize = 20;
     let place = |v: u32| Vector2::from(places[v as usize]);
-    let step = flat.triangles.len().div_ceil(MOST_EDGES).max(1);
+    let step = flat.triangles.len().div_ceil(MOST_TRIANGLES).max(1);
     let edges: Vec<Vector2<f64>> = flat
         .triangles
         .iter()

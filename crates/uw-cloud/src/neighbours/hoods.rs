@@ -13,7 +13,7 @@ const WIDE: f64 = 2.0;
 /// Distance from a leaf's middle in units of the typical one, beyond which a point is asked for alone: one astray would make the leaf long.
 const ASTRAY: f64 = 2.0;
 
-/// By how much more than the leaf before a leaf's neighbourhoods are guessed to reach: where that is too little, they are looked for.
+/// By how much more than the leaf before, and than its middle's, a leaf's neighbourhoods are guessed to reach: where that is too little, they are looked for.
 const GUESSED_MORE: f64 = 1.15;
 
 /// What one leaf after the other is worked on in.
@@ -79,15 +79,25 @@ impl Neighbours {
         counts: &[usize],
         of: impl Fn(&Hood<'_>) -> Option<T>,
     ) -> Vec<Option<T>> {
-        let mut scratch = Scratch::default();
-        let mut about = |place: [f64; 3]| {
-            let Scratch { best, near, distances2, .. } = &mut scratch;
-            counts.iter().find_map(|&count| {
-                self.nearest_into(&place, count, best);
+        // How far neighbourhoods are guessed to reach depends on how many there are of.
+        let mut scratches: Vec<Scratch> = counts.iter().map(|_| Scratch::default()).collect();
+        let mut about = |place: [f64; 3], alone: bool| {
+            counts.iter().zip(&mut scratches).find_map(|(&count, scratch)| {
+                let count = count.min(self.len());
+                let own = if alone { 0.0 } else { self.gather(&place, 0.0, count, scratch).0 };
+                let Scratch { best, candidates, near, distances2, guess, .. } = scratch;
                 near.clear();
                 distances2.clear();
-                near.extend(best.iter().map(|near| self.sites[near.slot as usize].at));
-                distances2.extend(best.iter().map(|near| near.distance2));
+                if alone {
+                    self.nearest_into(&place, count, best);
+                    near.extend(best.iter().map(|near| self.sites[near.slot as usize].at));
+                    distances2.extend(best.iter().map(|near| near.distance2));
+                } else {
+                    *guess = GUESSED_MORE * own;
+                    candidates.nearest(&place, count, own, own * ROUNDED_UP);
+                    near.extend(candidates.found.iter().map(|&(_, slot)| candidates.at(slot)));
+                    distances2.extend(candidates.found.iter().map(|&(distance2, _)| distance2));
+                }
                 of(&Hood { place, near, distances2 })
             })
         };
@@ -95,10 +105,10 @@ impl Neighbours {
         for (from, to) in self.leaves() {
             let leaf = &self.sites[from..to];
             let (middle, half) = bulk(leaf);
-            let shared = about(middle);
+            let shared = about(middle, false);
             for site in leaf {
                 let own = square(&site.at, &middle) <= (half * ROUNDED_UP).powi(2);
-                all[site.index as usize] = if own { shared } else { about(site.at) };
+                all[site.index as usize] = if own { shared } else { about(site.at, true) };
             }
         }
         all
@@ -128,7 +138,7 @@ impl Neighbours {
         let count = count.min(self.len());
         let (middle, half) = bulk(leaf);
         let wide = scratch.guess > 0.0 && half > WIDE * scratch.guess;
-        let own = if wide { 0.0 } else { self.gather(&middle, half, count, scratch) };
+        let (own, reach) = if wide { (0.0, 0.0) } else { self.gather(&middle, half, count, scratch) };
         let Scratch { best, candidates, near, distances2, guess, .. } = scratch;
         let alone = wide || candidates.len() > CROWDED * count.max(8);
         if !alone {
@@ -139,16 +149,21 @@ impl Neighbours {
             near.clear();
             distances2.clear();
             let arm = square(&site.at, &middle).sqrt();
-            if alone || arm > half {
+            let mut complete = false;
+            if !alone && arm <= half {
+                // What was found for the point before bounds it as well; and only so far from it has everything been gathered.
+                let bounds = (own + arm).min(bound + square(&site.at, &previous).sqrt()) * ROUNDED_UP;
+                let bounds = bounds.min(reach - arm * ROUNDED_UP);
+                candidates.nearest(&site.at, count, bounds, (bounds + arm) * ROUNDED_UP);
+                complete = candidates.found.len() == count;
+            }
+            if complete {
+                near.extend(candidates.found.iter().map(|&(_, slot)| candidates.at(slot)));
+                distances2.extend(candidates.found.iter().map(|&(distance2, _)| distance2));
+            } else {
                 self.nearest_into(&site.at, count, best);
                 near.extend(best.iter().map(|near| self.sites[near.slot as usize].at));
                 distances2.extend(best.iter().map(|near| near.distance2));
-            } else {
-                // What was found for the point before bounds it as well.
-                let bounds = (own + arm).min(bound + square(&site.at, &previous).sqrt()) * ROUNDED_UP;
-                candidates.nearest(&site.at, count, bounds, (bounds + arm) * ROUNDED_UP);
-                near.extend(candidates.found.iter().map(|&(_, slot)| candidates.at(slot)));
-                distances2.extend(candidates.found.iter().map(|&(distance2, _)| distance2));
             }
             bound = distances2.iter().copied().fold(0.0, f64::max).sqrt();
             previous = site.at;
@@ -156,30 +171,32 @@ impl Neighbours {
         }
     }
 
-    /// Gathers what may be among the nearest of any place up to `half` away from a middle, and returns within what distance of the middle there are `count` points.
+    /// Gathers what is near a leaf's middle, its points being up to `half` away from there, and returns within what distance of the middle there are `count` points, and within what distance
+    /// of it everything has been gathered.
     ///
-    /// A place half away has as many within half more, and these are within another half of the middle. How far it is, the leaf before lets guess.
-    fn gather(&self, middle: &[f64; 3], half: f64, count: usize, scratch: &mut Scratch) -> f64 {
+    /// A place half away has as many within half more; but hardly ever are they farther from it than those of the middle are from that one, and somewhat. So far everything is gathered: where it is too
+    /// little, a point is asked for alone. How far that is, the leaf before lets guess.
+    fn gather(&self, middle: &[f64; 3], half: f64, count: usize, scratch: &mut Scratch) -> (f64, f64) {
         let Scratch { best, candidates, ranges, guess, .. } = scratch;
         let mut take = |own: f64| {
-            let reach = (own + 2.0 * half) * ROUNDED_UP;
+            let reach = own + half;
             ranges.clear();
-            self.each_leaf_within(self.whole(), middle, reach * reach, &mut |from, to| {
-                ranges.push((from, to));
-            });
+            let all = (reach * ROUNDED_UP).powi(2);
+            self.each_leaf_within(self.whole(), middle, all, &mut |from, to| ranges.push((from, to)));
             candidates.all.clear();
             for &(from, to) in ranges.iter() {
                 candidates.all.extend_from_slice(&self.sites[from..to]);
             }
-            candidates.arrange(middle, reach);
-            candidates.radius_of(count).filter(|radius| *radius <= own)
+            candidates.arrange(middle, reach * ROUNDED_UP);
+            candidates.radius_of(count).filter(|radius| *radius <= own).map(|radius| (radius, reach))
         };
         let guessed = if *guess > 0.0 { take(*guess) } else { None };
         guessed.unwrap_or_else(|| {
             self.nearest_into(middle, count, best);
             let exact = best.last().map_or(0.0, |last| last.distance2.sqrt()) * ROUNDED_UP;
-            take(exact);
-            exact
+            let own = GUESSED_MORE * exact;
+            take(own);
+            (exact, own + half)
         })
     }
 }

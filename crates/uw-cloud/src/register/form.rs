@@ -19,6 +19,8 @@ pub(super) struct Form {
     pub(super) bend: Matrix3<f64>,
     /// As far as anything that had a say in it may lie, mm.
     pub(super) reach_mm: f64,
+    /// Half of the way to the neighbours on the surface, root mean square, squared, mm².
+    pub(super) own_mm2: f64,
 }
 
 /// Returns the form about each vertex of a mesh; `None` where its triangles have no area.
@@ -60,6 +62,7 @@ struct Bends {
     /// Σ (n′ − n) dᵀ, with n and n′ the normals at both ends.
     turns: [Vector3<f64>; 2],
     longest2: f64,
+    count: f64,
 }
 
 impl Bends {
@@ -69,6 +72,7 @@ impl Bends {
             edges: Matrix2::zeros(),
             turns: [Vector3::zeros(); 2],
             longest2: 0.0,
+            count: 0.0,
         };
         let mut bends: Vec<Self> = normals.iter().map(none).collect();
         for (t, corners) in mesh.triangles().iter().enumerate() {
@@ -90,6 +94,7 @@ impl Bends {
         self.turns[0] += turn * along.x;
         self.turns[1] += turn * along.y;
         self.longest2 = self.longest2.max(edge.norm_squared());
+        self.count += 1.0;
     }
 
     fn form(&self, normal: Vector3<f64>) -> Form {
@@ -100,7 +105,8 @@ impl Bends {
             let by_v = of_u * inverse[(0, 1)] + of_v * inverse[(1, 1)];
             by_u * u.transpose() + by_v * v.transpose()
         });
-        Form { normal, bend, reach_mm: ROUNDS as f64 * self.longest2.sqrt() }
+        let own_mm2 = 0.25 * self.edges.trace() / self.count.max(1.0);
+        Form { normal, bend, reach_mm: ROUNDS as f64 * self.longest2.sqrt(), own_mm2 }
     }
 }
 

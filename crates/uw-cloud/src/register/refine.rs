@@ -124,17 +124,25 @@ impl Fitted {
         gradient
     }
 
-    /// Returns the covariance of a small motion in the units of [`Fitted::information`]; along `unknown` motions, and others that
-    /// nothing is known of, that of a motion by the radius. What was near in the order of the points has to be near in space.
-    pub(super) fn covariance(&self, unknown: &[Vector6<f64>], radius: f64) -> Matrix6<f64> {
+    /// Returns the covariance of a small motion in the units of [`Fitted::information`], nil along motions that nothing is known of. What was near in the order of the
+    /// points has to be near in space.
+    pub(super) fn covariance(&self, radius: f64) -> Matrix6<f64> {
         let (scatter, products) = certainty(&self.matches, self.floor * self.floor, radius);
         let dynamic = |matrix: &Matrix6<f64>| DMatrix::from_column_slice(6, 6, matrix.as_slice());
         let inverse = form_inverse(&dynamic(&self.information), &dynamic(&products));
         let inverse = Matrix6::from_column_slice(inverse.as_slice());
-        let keep = without(unknown);
-        let known = keep * inverse * scatter * inverse * keep;
-        known + (Matrix6::identity() - keep) * (radius * radius)
+        inverse * scatter * inverse
     }
+}
+
+/// Returns a covariance that along some orthonormal motions is that of one by the radius.
+pub(super) fn unknown_along(
+    motions: &[Vector6<f64>],
+    covariance: &Matrix6<f64>,
+    radius: f64,
+) -> Matrix6<f64> {
+    let keep = without(motions);
+    keep * covariance * keep + (Matrix6::identity() - keep) * (radius * radius)
 }
 
 /// Returns the scatter of the gradient of some matches, from that of patches of them, and the information of their normals' products. What is near in their order

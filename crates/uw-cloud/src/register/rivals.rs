@@ -4,7 +4,8 @@ use super::refine::{Bounds, Fitted, moved, refine};
 use super::sample::{Sample, Samples, TUKEY, Target};
 use super::starts::{SAME_POSE, apart};
 use super::sweep::Known;
-use nalgebra::{Isometry3, Point3, Vector3, Vector6};
+use nalgebra::{Isometry3, Matrix6, Point3, Vector3, Vector6};
+use std::cell::LazyCell;
 
 /// Patches of a cloud whose deviations have to do with each other no more: what two poses differ by is tested with no more of them,
 /// however many points there are.
@@ -15,6 +16,9 @@ const WORSE: f64 = 3.0;
 const NO_MATTER: f64 = 0.005;
 /// Points that poses are compared by.
 pub(super) const COMPARED: usize = 1500;
+/// Points that tell a pose that fits by far worse, and by how much more than needed they have to tell it: the others are not asked then.
+const FEW: usize = 150;
+const BY_FAR: f64 = 2.0;
 /// Displacements along a motion that are tried, in units of the cloud's radius.
 const DISPLACED: [f64; 3] = [0.1, 0.05, 0.02];
 /// A motion is known well without a trial where its information is at least this share of the best known one's.
@@ -39,6 +43,12 @@ impl<'a, 'm> Judge<'a, 'm> {
         // Of a sweep that was seen from its frame's origin.
         let clear_mm = samples.signed.then_some(CLEAR_SCATTERS * floor + CLEAR_SHARE * samples.radius);
         Self { target, points: samples.few(points), floor, clear_mm }
+    }
+
+    /// Returns one of fewer points.
+    fn of_few(&self, points: usize) -> Self {
+        let step = self.points.len().div_ceil(points).max(1);
+        Self { points: self.points.iter().step_by(step).copied().collect(), ..*self }
     }
 
     pub(super) fn costs(&self, pose: &Isometry3<f64>) -> Vec<f64> {
@@ -68,21 +78,31 @@ impl<'a, 'm> Judge<'a, 'm> {
 
     /// Whether a pose with some costs fits as well as one with others.
     pub(super) fn as_good(other: &[f64], best: &[f64]) -> bool {
+        Self::worse(other, best) < 1.0
+    }
+
+    /// By how much a pose with some costs fits worse than one with others, in units of what tells them apart.
+    fn worse(other: &[f64], best: &[f64]) -> f64 {
         let count = other.len() as f64;
         let differences = || other.iter().zip(best).map(|(o, b)| o - b);
         let mean = differences().sum::<f64>() / count;
         let variance = differences().map(|d| (d - mean).powi(2)).sum::<f64>() / count;
-        mean < NO_MATTER || mean < WORSE * (variance / count.min(PATCHES)).sqrt()
+        mean / NO_MATTER.max(WORSE * (variance / count.min(PATCHES)).sqrt())
     }
 }
 
 /// Returns an orthonormal set of small motions (in the units of [`Fitted::information`]) along which the cloud can be displaced, and
 /// fits as well.
-pub(super) fn undetermined(samples: &Samples, judge: &Judge<'_, '_>, fitted: &Fitted) -> Vec<Vector6<f64>> {
-    let best = judge.costs(&fitted.pose);
+pub(super) fn undetermined(
+    samples: &Samples,
+    judge: &Judge<'_, '_>,
+    fitted: &Fitted,
+    covariance: &Matrix6<f64>,
+) -> Vec<Vector6<f64>> {
+    let few = judge.of_few(FEW);
+    let best = [&few, judge].map(|judge| LazyCell::new(|| judge.costs(&fitted.pose)));
     let eigen = fitted.information.symmetric_eigen();
     let most = eigen.eigenvalues.max();
-    let covariance = fitted.covariance(&[], samples.radius);
     let free = |at: &usize| {
         let way: Vector6<f64> = eigen.eigenvectors.column(*at).into_owned();
         let value = eigen.eigenvalues[*at];
@@ -101,8 +121,11 @@ pub(super) fn undetermined(samples: &Samples, judge: &Judge<'_, '_>, fitted: &Fi
             // Held there: the facets of a mesh hold a smooth surface, too, but it costs next to nothing to pass over them.
             let from = moved(&fitted.pose, &samples.middle, samples.radius, &(way * (side * by)));
             let bounds = Bounds { reach: by + 3.0 * TUKEY * judge.floor, rounds: 12 };
-            let mut end = refine(judge.target, &judge.points, samples.radius, from, bounds, &[way]);
-            Judge::as_good(&judge.costs_of(&end.pose, &mut end.known), &best)
+            let worse = |judge: &Judge<'_, '_>, best: &[f64]| {
+                let mut end = refine(judge.target, &judge.points, samples.radius, from, bounds, &[way]);
+                Judge::worse(&judge.costs_of(&end.pose, &mut end.known), best)
+            };
+            worse(&few, &best[0]) < BY_FAR && worse(judge, &best[1]) < 1.0
         };
         DISPLACED.iter().all(|&size| as_good(size, 1.0) || as_good(size, -1.0))
     };
@@ -117,7 +140,7 @@ pub(super) fn rivals(
     others: &[Isometry3<f64>],
     free: &[Vector6<f64>],
 ) -> Vec<Isometry3<f64>> {
-    let costs = judge.costs(best);
+    let costs = LazyCell::new(|| judge.costs(best));
     let mut found: Vec<Isometry3<f64>> = Vec::new();
     for pose in others {
         let seen = std::iter::once(best).chain(&found).any(|other| {

@@ -11,8 +11,10 @@ use crate::normals::{NORMAL_NEIGHBOURS, local_plane, local_planes, shared_planes
 use crate::robust::ranked;
 use nalgebra::{Isometry3, Matrix3, Matrix6, Vector3, Vector6};
 
-/// Tukey's constant: 95 % of a mean's efficiency with Gaussian noise, nothing from beyond it.
+/// Tukey's constant: 95 % of a mean's efficiency with Gaussian noise, nothing from beyond it. What lies on a surface does not lie farther off.
 pub(super) const TUKEY: f64 = 4.685;
+/// Tukey's constant of the weights that a pose is estimated with: 99 %.
+const WEIGHED: f64 = 7.041;
 /// Points that a pose is estimated from; more don't make it better than what the instrument shares between them.
 const MOST_POINTS: usize = 50_000;
 /// Share of the points that the cloud's size is taken from: a few far astray don't make it large.
@@ -170,7 +172,7 @@ pub(super) struct Match {
 impl Match {
     /// The residual squared, as a share of what has no say any more.
     pub(super) fn ratio(&self, floor2: f64) -> f64 {
-        self.residual * self.residual / ((self.told + floor2) * TUKEY * TUKEY)
+        self.residual * self.residual / ((self.told + floor2) * WEIGHED * WEIGHED)
     }
 
     /// Tukey's weight over the variance, mm⁻², with the scatter beyond what is told; `None` of what has no say.

@@ -9,8 +9,10 @@ use super::pose::Pose;
 use super::sample::{Match, Own, Sample};
 use crate::cloud::PointCloud;
 use crate::error::CloudError;
+use crate::mesh::TriangleMesh;
 use crate::nearest::NearestOnMesh;
 use crate::neighbours::Neighbours;
+use crate::robust::Random;
 use crate::surface::Surface;
 use nalgebra::Vector3;
 
@@ -21,7 +23,7 @@ pub struct SweepSurface<'a> {
     pub(super) points: Neighbours,
     /// About each point that a triangle has as a corner.
     pub(super) forms: Vec<Option<Form>>,
-    /// Points on a border of the surface or on none of its triangles: what lies nearest to these may lie beyond it.
+    /// Points on a border of the surface: what lies nearest to these may lie beyond it.
     open: Vec<bool>,
 }
 
@@ -40,12 +42,14 @@ impl<'a> SweepSurface<'a> {
     /// [`CloudError`] for a position that is no finite number.
     pub fn new(cloud: &'a PointCloud, surface: &'a Surface) -> Result<Option<Self>, CloudError> {
         let points = Neighbours::new(cloud.positions_mm())?;
-        let Some(faces) = NearestOnMesh::new(&surface.mesh) else { return Ok(None) };
+        let order = about_points(surface, &points);
+        let Some(faces) = NearestOnMesh::in_order(&surface.mesh, order.into_iter()) else { return Ok(None) };
         let mut of_points = vec![None; cloud.len()];
         let mut open = vec![true; cloud.len()];
-        for (vertex, (&point, form)) in surface.points.iter().zip(forms(&surface.mesh)).enumerate() {
+        let beside = forms(&surface.mesh).into_iter().zip(open_vertices(&surface.mesh));
+        for (&point, (form, is_open)) in surface.points.iter().zip(beside) {
             of_points[point as usize] = form;
-            open[point as usize] = faces.is_open(vertex);
+            open[point as usize] = is_open;
         }
         Ok(Some(Self { cloud, faces, points, forms: of_points, open }))
     }
@@ -72,7 +76,11 @@ impl<'a> SweepSurface<'a> {
         }
         let nearest = known.nearest;
         let off = moved - self.cloud.vector(nearest);
-        let form = self.forms[nearest].as_ref().filter(|_| !self.open[nearest])?;
+        let form = self.forms[nearest].as_ref()?;
+        // What lies farther along the surface from a point on its border than inner points do from theirs may lie beyond it.
+        if self.open[nearest] && off.norm_squared() - form.normal.dot(&off).powi(2) > form.own_mm2 {
+            return None;
+        }
         // Neighbours on the surface may lie apart by more than what is looked for across it.
         if off.norm_squared() > (reach + form.reach_mm).powi(2) {
             return None;
@@ -91,4 +99,38 @@ impl<'a> SweepSurface<'a> {
             facing,
         })
     }
+}
+
+/// Returns a surface's triangles in the order in which the tree over the cloud's points has their first corners: what is near in it is near in space, and nothing has to be
+/// compared.
+fn about_points(surface: &Surface, points: &Neighbours) -> Vec<u32> {
+    let mut ranks = vec![0_u32; points.len()];
+    points.in_order().zip(0..).for_each(|(point, rank)| ranks[point] = rank);
+    let triangles = surface.mesh.triangles();
+    let rank = |corners: &[u32; 3]| ranks[surface.points[corners[0] as usize] as usize] as usize;
+    let mut starts = vec![0_u32; points.len() + 1];
+    triangles.iter().for_each(|corners| starts[rank(corners) + 1] += 1);
+    (0..points.len()).for_each(|rank| starts[rank + 1] += starts[rank]);
+    let mut order = vec![0; triangles.len()];
+    for (corners, t) in triangles.iter().zip(0..) {
+        let next = &mut starts[rank(corners)];
+        order[*next as usize] = t;
+        *next += 1;
+    }
+    order
+}
+
+/// Returns which vertices lie on a border of a mesh whose triangles agree about their sides, no edge having more than two.
+///
+/// Round an inner vertex each neighbour follows it in one triangle and precedes it in another. Numbers drawn for the neighbours, added in the one case and taken away in the other, leave nothing then, and
+/// something else with the chance of one in 2⁶³.
+fn open_vertices(mesh: &TriangleMesh) -> Vec<bool> {
+    let drawn: Vec<u64> = (0..mesh.vertices_mm().len() as u64).map(|v| Random::new(v).bits()).collect();
+    let mut left = vec![0_u64; drawn.len()];
+    for &[a, b, c] in mesh.triangles() {
+        for [before, v, after] in [[a, b, c], [b, c, a], [c, a, b]].map(|all| all.map(|v| v as usize)) {
+            left[v] = left[v].wrapping_add(drawn[after]).wrapping_sub(drawn[before]);
+        }
+    }
+    left.into_iter().map(|left| left != 0).collect()
 }

@@ -3,7 +3,7 @@
 use super::delaunay::Flat;
 use super::noise::Noise;
 use super::normals::{Faces, Incident};
-use super::step::cut_steps;
+use super::step::{Limits, cut_steps};
 use super::void::{Span, spans};
 use crate::cloud::PointCloud;
 use crate::mesh::NONE;
@@ -46,14 +46,17 @@ pub(super) fn cut(
     cut.unseen = spans.iter().filter(|span| **span == Span::Unlit).count();
     let (normals, grazing, away) = normals_to(cloud, flat, noise, sensor_mm, steepest_rad, &mut kept);
     cut.grazing = grazing;
-    let mut faces = Faces::new(flat, &incident, &normals);
-    for _ in 0..STEP_ROUNDS {
-        let more = cut_steps(cloud, noise, &spans, &mut kept, &mut faces);
+    let mut faces = Faces::new(flat, &incident, &normals, &kept);
+    let limits = Limits::of(cloud, noise, &faces, &kept);
+    let mut asked: Vec<u32> = (0..kept.len() as u32).collect();
+    for round in 0..STEP_ROUNDS {
+        if round > 0 {
+            // Elsewhere nothing has changed.
+            asked = faces.renew(&kept);
+        }
+        let more = cut_steps(cloud, noise, &limits, &spans, &mut kept, &mut faces, &asked);
         cut.steps += more.steps;
         cut.unseen += more.unseen;
-        if more.steps + more.unseen == 0 {
-            break;
-        }
     }
     cut.unseen += cut_lone(flat, &mut kept);
     (kept, cut, away)
@@ -70,10 +73,13 @@ fn cut_lone(flat: &Flat, kept: &mut [bool]) -> usize {
     if !all().any(|t| beside(t).count() > 1) {
         return 0;
     }
-    let is_lone = |t: &usize| match beside(*t).collect::<Vec<_>>()[..] {
-        [] => true,
-        [other] => beside(other).count() == 1,
-        _ => false,
+    let is_lone = |t: &usize| {
+        let mut own = beside(*t);
+        match (own.next(), own.next()) {
+            (None, _) => true,
+            (Some(other), None) => beside(other).count() == 1,
+            _ => false,
+        }
     };
     let lone: Vec<usize> = all().filter(is_lone).collect();
     lone.iter().for_each(|&t| kept[t] = false);

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 /// Triangles that are tried as a face's, and normals whose spread tells that of most.
 const CANDIDATES: usize = 40;
-const MOST_SPREADS: usize = 20_000;
+const MOST_SPREADS: usize = 5000;
 
 /// Triangles that are counted side by side.
 const LANES: usize = 8;
@@ -38,6 +38,13 @@ impl Sum {
     /// Variance of one of the normals about their mean, rad².
     fn spread(&self) -> f64 {
         2.0 * (1.0 - self.normals.norm() / self.count).max(0.0)
+    }
+
+    /// Returns the mean, each of the normals spreading by so much at least; `None` of none.
+    fn facing(&self, least_spread: f64) -> Option<Facing> {
+        let length = self.normals.norm();
+        let variance = self.spread().max(least_spread) / self.count;
+        (length > 0.0).then(|| Facing { normal: self.normals / length, variance })
     }
 }
 
@@ -87,32 +94,56 @@ impl Incident {
     }
 }
 
-/// Unit normals at vertices, kept from one round of cutting to the next: only where triangles were cut are they made anew.
+/// Unit normals at vertices from the kept triangles about them; `None` where there are none. They are kept from one round of cutting to the next: only where triangles were cut are they made anew.
+///
+/// Where all of the triangles agree it is their mean. At a step it is that of the face that most triangles of the first two
+/// rings belong to: those across the step, however large, are few and stand steeply, and those of the face beyond it are fewer
+/// than those of the vertex's own.
 pub(super) struct Faces<'a> {
     pub(super) flat: &'a Flat,
     pub(super) incident: &'a Incident,
     /// Of the triangles.
     normals: &'a [Vector3<f64>],
-    sums: Vec<Option<Sum>>,
+    pub(super) at: Vec<Option<Facing>>,
+    /// The spread of the normals at a vertex, as it is at most: what one or two triangles say of their own is too little.
+    typical: f64,
+    /// Vertices whose normals have to be made anew.
+    stale: Vec<u32>,
 }
 
 impl<'a> Faces<'a> {
-    pub(super) fn new(flat: &'a Flat, incident: &'a Incident, normals: &'a [Vector3<f64>]) -> Self {
-        Self { flat, incident, normals, sums: (0..incident.vertices()).map(|_| None).collect() }
+    pub(super) fn new(
+        flat: &'a Flat,
+        incident: &'a Incident,
+        normals: &'a [Vector3<f64>],
+        kept: &[bool],
+    ) -> Self {
+        let mut faces = Self { flat, incident, normals, at: Vec::new(), typical: 0.0, stale: Vec::new() };
+        let sharp = faces.sharp(kept);
+        let vertices = incident.vertices();
+        let sum = |near: &mut Near, v: u32| faces.sum(v, sharp[v as usize], near, kept);
+        let sums: Vec<Sum> = if (vertices as usize) < MANY {
+            let mut near = Near::new(vertices as usize);
+            (0..vertices).map(|v| sum(&mut near, v)).collect()
+        } else {
+            let all = (0..vertices).into_par_iter().with_min_len(4096);
+            all.map_init(|| Near::new(vertices as usize), sum).collect()
+        };
+        let many = || sums.iter().filter(|sum| sum.count > 3.0);
+        let step = many().count().div_ceil(MOST_SPREADS).max(1);
+        faces.typical = median(&mut many().step_by(step).map(Sum::spread).collect::<Vec<_>>());
+        faces.at = sums.iter().map(|sum| sum.facing(faces.typical)).collect();
+        faces
     }
 
     /// Returns whether kept neighbouring triangles at each vertex differ.
     fn sharp(&self, kept: &[bool]) -> Vec<bool> {
-        let Self { flat, normals, .. } = self;
-        let mut sharp = vec![false; self.sums.len()];
+        let flat = self.flat;
+        let mut sharp = vec![false; self.incident.vertices() as usize];
         for (t, across) in flat.across.iter().enumerate().filter(|(t, _)| kept[*t]) {
             for &other in across {
                 // Each edge once; the triangle on its other side is later in the list, or not there.
-                if (other as usize) < kept.len()
-                    && kept[other as usize]
-                    && t < other as usize
-                    && normals[t].dot(&normals[other as usize]) < SMOOTH_COS
-                {
+                if t < other as usize && self.differ(t, other, kept) {
                     for corners in [flat.triangles[t], flat.triangles[other as usize]] {
                         corners.iter().for_each(|&v| sharp[v as usize] = true);
                     }
@@ -122,54 +153,46 @@ impl<'a> Faces<'a> {
         sharp
     }
 
-    /// Forgets what a triangle that was cut had a say in: the normals at vertices up to two rings from it.
+    /// Returns whether a triangle differs from what is kept on the other side of an edge.
+    fn differ(&self, triangle: usize, other: u32, kept: &[bool]) -> bool {
+        let other = other as usize;
+        other < kept.len() && kept[other] && self.normals[triangle].dot(&self.normals[other]) < SMOOTH_COS
+    }
+
+    /// Returns the sum of the normals of a vertex's own face.
+    fn sum(&self, v: u32, sharp: bool, near: &mut Near, kept: &[bool]) -> Sum {
+        let Self { flat, incident, normals, .. } = self;
+        if sharp {
+            near.gather(v, flat, incident, normals, kept);
+            return near.face_of_most();
+        }
+        mean(incident.of(v).iter().filter(|t| kept[**t as usize]).map(|&t| &normals[t as usize]))
+    }
+
+    /// Tells of a triangle that was cut: it has a say in the normals at vertices up to two rings from it.
     pub(super) fn forget(&mut self, triangle: usize) {
         for &v in &self.flat.triangles[triangle] {
-            for &t in self.incident.of(v) {
-                self.flat.triangles[t as usize].iter().for_each(|&w| self.sums[w as usize] = None);
-            }
+            let about = self.incident.of(v).iter().flat_map(|&t| self.flat.triangles[t as usize]);
+            self.stale.extend(about);
         }
     }
 
-    /// Returns a unit normal for each vertex from the kept triangles about it, `None` where there are none.
-    ///
-    /// Where all of them agree it is their mean. At a step it is that of the face that most triangles of the first two
-    /// rings belong to: those across the step, however large, are few and stand steeply, and those of the face beyond it are fewer
-    /// than those of the vertex's own.
-    pub(super) fn one_sided(&mut self, kept: &[bool]) -> Vec<Option<Facing>> {
-        let sharp = self.sharp(kept);
-        let Self { flat, incident, normals, sums } = self;
-        let vertices = sums.len();
-        let missing = |near: &mut Near, (v, own): (usize, &mut Option<Sum>)| {
-            if own.is_none() {
-                let v = v as u32;
-                *own = Some(if sharp[v as usize] {
-                    near.gather(v, flat, incident, normals, kept);
-                    near.face_of_most()
-                } else {
-                    mean(incident.of(v).iter().filter(|t| kept[**t as usize]).map(|&t| &normals[t as usize]))
-                });
-            }
-        };
-        if vertices < MANY {
-            let mut near = Near::new(vertices);
-            sums.iter_mut().enumerate().for_each(|own| missing(&mut near, own));
-        } else {
-            let sums = sums.par_iter_mut().with_min_len(4096).enumerate();
-            sums.for_each_init(|| Near::new(vertices), missing);
+    /// Makes those normals anew that triangles had a say in that were cut, and returns the triangles at these vertices, in order.
+    pub(super) fn renew(&mut self, kept: &[bool]) -> Vec<u32> {
+        let mut stale = std::mem::take(&mut self.stale);
+        stale.sort_unstable();
+        stale.dedup();
+        let mut near = Near::new(self.at.len());
+        for &v in &stale {
+            let own = self.incident.of(v).iter().map(|t| *t as usize).filter(|t| kept[*t]);
+            let sharp = own.flat_map(|t| self.flat.across[t].map(|other| (t, other)));
+            let sharp = sharp.into_iter().any(|(t, other)| self.differ(t, other, kept));
+            self.at[v as usize] = self.sum(v, sharp, &mut near, kept).facing(self.typical);
         }
-        // What one or two triangles say of their own spread is too little: it is at least that of most.
-        let many = || sums.iter().flatten().filter(|sum| sum.count > 3.0);
-        let step = many().count().div_ceil(MOST_SPREADS).max(1);
-        let mut spreads: Vec<f64> = many().step_by(step).map(Sum::spread).collect();
-        let typical = median(&mut spreads);
-        let facing = |sum: &Option<Sum>| {
-            let sum = sum.as_ref()?;
-            let length = sum.normals.norm();
-            let variance = sum.spread().max(typical) / sum.count;
-            (length > 0.0).then(|| Facing { normal: sum.normals / length, variance })
-        };
-        sums.iter().map(facing).collect()
+        let mut about: Vec<u32> = stale.iter().flat_map(|&v| self.incident.of(v)).copied().collect();
+        about.sort_unstable();
+        about.dedup();
+        about
     }
 }
 

@@ -1,8 +1,7 @@
 //! Edges that lead across a step.
 
-use super::delaunay::Flat;
 use super::noise::Noise;
-use super::normals::{Faces, Facing, Incident};
+use super::normals::{Faces, Facing};
 use super::void::Span;
 use crate::cloud::PointCloud;
 use crate::mesh::NONE;
@@ -22,7 +21,26 @@ pub(super) struct Steps {
     pub(super) unseen: usize,
 }
 
-/// Cuts the triangles that have a step for an edge, and those that close a gap in another way than the faces at its ends would, and returns how many.
+/// What the noise of a surface is, and what therefore no step is.
+pub(super) struct Limits {
+    /// Variance of two points along a normal beyond what the cloud tells of them, mm².
+    untold: f64,
+    /// Squared heights that no edge of a smooth surface reaches, in units of their variance.
+    chi2: f64,
+}
+
+impl Limits {
+    /// Reads the noise off a surface before anything is cut at steps.
+    pub(super) fn of(cloud: &PointCloud, noise: &Noise<'_>, faces: &Faces<'_>, kept: &[bool]) -> Self {
+        let edges = 3 * kept.iter().filter(|kept| **kept).count();
+        Self {
+            untold: 2.0 * untold_variance(cloud, faces, noise, kept),
+            chi2: rejection_limit(edges).powi(2),
+        }
+    }
+}
+
+/// Cuts those of the asked triangles, in order, that have a step for an edge, and those that close a gap in another way than the faces at its ends would, and returns how many.
 ///
 /// Along a step the edge from a to b leaves a's face on one side and b's on the other: with the faces' normals m and n, m·e and
 /// n·e have the same sign and are both large. On a bend they have opposite signs, on a fold one of them is small, and along
@@ -34,54 +52,49 @@ pub(super) struct Steps {
 pub(super) fn cut_steps(
     cloud: &PointCloud,
     noise: &Noise<'_>,
+    limits: &Limits,
     spans: &[Span],
     kept: &mut [bool],
-    known: &mut Faces<'_>,
+    faces: &mut Faces<'_>,
+    asked: &[u32],
 ) -> Steps {
-    let faces = known.one_sided(kept);
-    let (flat, incident) = (known.flat, known.incident);
-    let untold = 2.0 * untold_variance(cloud, flat, incident, &faces, noise, kept);
-    let edges = || {
-        let kept = &*kept;
-        flat.triangles.iter().enumerate().filter(|(t, _)| kept[*t]).flat_map(move |(t, corners)| {
-            let across = flat.across[t];
-            // Each edge once, by the triangle that comes first.
-            let first = move |k: &usize| {
-                across[*k] == NONE || !kept[across[*k] as usize] || (across[*k] as usize) > t
-            };
-            (0..3).filter(first).map(move |k| (t, across[k], corners[k], corners[(k + 1) % 3]))
-        })
-    };
-    let mut count = 0;
+    let flat = faces.flat;
     let mut suspects = Vec::new();
-    for (t, other, a, b) in edges() {
-        let (Some(m), Some(n)) = (faces[a as usize], faces[b as usize]) else { continue };
-        let other = if other == NONE || !kept[other as usize] { t } else { other as usize };
-        // A triangle's edges count for each of the two.
-        count += 1 + usize::from(other != t);
-        let edge = cloud.vector(b as usize) - cloud.vector(a as usize);
-        let Some(leaving) = Leaving::of(&m, &n, &edge) else { continue };
-        let incomplete = [t, other].map(|t| spans[t] == Span::Incomplete);
-        if leaving.steep {
-            let chi2 = leaving.step(a, b, noise, untold);
-            suspects
-                .extend([t, other].into_iter().take(1 + usize::from(other != t)).map(|t| (t, true, chi2)));
-        }
-        if leaving.apart && (incomplete[0] || incomplete[1]) {
-            let chi2 = leaving.fold(a, b, noise, untold);
-            suspects.extend(
-                [t, other].into_iter().zip(incomplete).filter(|(_, own)| *own).map(|(t, _)| (t, false, chi2)),
-            );
+    for t in asked.iter().map(|t| *t as usize).filter(|t| kept[*t]) {
+        let corners = flat.triangles[t];
+        for k in 0..3 {
+            let across = flat.across[t][k];
+            let other = if across == NONE || !kept[across as usize] { t } else { across as usize };
+            // Each edge once, by the triangle that comes first.
+            if other < t {
+                continue;
+            }
+            let (a, b) = (corners[k], corners[(k + 1) % 3]);
+            let (Some(m), Some(n)) = (&faces.at[a as usize], &faces.at[b as usize]) else { continue };
+            let edge = cloud.vector(b as usize) - cloud.vector(a as usize);
+            let Some(leaving) = Leaving::of(m, n, &edge) else { continue };
+            let sides = [t, other].into_iter().take(1 + usize::from(other != t));
+            if leaving.steep {
+                let chi2 = leaving.step(a, b, noise, limits.untold);
+                if chi2 > limits.chi2 {
+                    suspects.extend(sides.clone().map(|t| (t, true)));
+                }
+            }
+            let incomplete = sides.filter(|t| spans[*t] == Span::Incomplete);
+            if leaving.apart && incomplete.clone().next().is_some() {
+                let chi2 = leaving.fold(a, b, noise, limits.untold);
+                if chi2 > limits.chi2 {
+                    suspects.extend(incomplete.map(|t| (t, false)));
+                }
+            }
         }
     }
-    let limit = rejection_limit(count);
     let mut cut = Steps::default();
     // A triangle that is both counts as a step.
-    suspects.sort_by_key(|(t, step, _)| (*t, !*step));
-    for (t, step, chi2) in suspects {
-        if chi2 > limit * limit && kept[t] {
-            kept[t] = false;
-            known.forget(t);
+    suspects.sort_unstable_by_key(|(t, step)| (*t, !*step));
+    for (t, step) in suspects {
+        if std::mem::replace(&mut kept[t], false) {
+            faces.forget(t);
             *(if step { &mut cut.steps } else { &mut cut.unseen }) += 1;
         }
     }
@@ -144,18 +157,16 @@ impl Leaving {
 /// neighbours, in the middle half of the surface.
 fn untold_variance(
     cloud: &PointCloud,
-    flat: &Flat,
-    incident: &Incident,
-    faces: &[Option<Facing>],
+    Faces { flat, incident, at: faces, .. }: &Faces<'_>,
     noise: &Noise<'_>,
     kept: &[bool],
 ) -> f64 {
-    const MOST_POINTS: usize = 20_000;
+    const MOST_POINTS: usize = 5000;
     let mut told = 0.0;
     let step = faces.len().div_ceil(MOST_POINTS).max(1);
     let mut offsets = Vec::with_capacity(faces.len() / step + 1);
     for v in (0..faces.len()).step_by(step) {
-        let Some(face) = faces[v] else { continue };
+        let Some(face) = &faces[v] else { continue };
         let (mut sum, mut corners) = (Vector3::zeros(), 0.0);
         for &t in incident.of(v as u32).iter().filter(|t| kept[**t as usize]) {
             for &w in flat.triangles[t as usize].iter().filter(|w| **w as usize != v) {

@@ -116,9 +116,12 @@ pub(super) fn spans(
 
 /// Values of a triangle's corners, the least first.
 fn sorted(corners: &[u32; 3], about: &[f64]) -> [f64; 3] {
-    let mut three = corners.map(|v| about[v as usize]);
-    three.sort_by(f64::total_cmp);
-    three
+    let in_order = |a: f64, b: f64| if b < a { (b, a) } else { (a, b) };
+    let [a, b, c] = *corners;
+    let (a, b) = in_order(about[a as usize], about[b as usize]);
+    let (b, c) = in_order(b, about[c as usize]);
+    let (a, b) = in_order(a, b);
+    [a, b, c]
 }
 
 /// What triangles near each vertex are typically like: the median over it and its neighbours of the medians over their triangles;

@@ -166,6 +166,36 @@ fn circles_are_unbiased_with_true_sigmas() {
     }
 }
 
+/// Reported: of a ring in an exact plane half of the residuals were nil, and their scatter with them.
+#[test]
+fn a_ring_without_errors_in_one_direction_keeps_its_points() {
+    /// Scatter in the other direction, mm, and points of the ring and astray.
+    const NOISE_MM: f64 = 0.02;
+    const COUNTS: [u32; 2] = [200, 20];
+    for ((seed, flat), known) in
+        (0..20).flat_map(|s| [(s, true), (s, false)]).zip([None, Some(25.0)].into_iter().cycle())
+    {
+        let mut random = random(seed);
+        let points = (0..COUNTS[0] + COUNTS[1]).map(|i| {
+            let (s, c) = (0.04 * f64::from(i)).sin_cos();
+            let far = if i < COUNTS[0] { 0.0 } else { f64::from(5 + i % 7) };
+            let off = NOISE_MM * gauss(&mut random) + far;
+            let (radius, height) = if flat { (25.0 + off, 0.0) } else { (25.0, off) };
+            [radius * c, radius * s, 650.0 + height]
+        });
+        let cloud = PointCloud::new(Frame::Camera, points.collect());
+        let fit = fit_circle(&cloud, &CircleOptions { radius_mm: known, ..Default::default() })
+            .unwrap_or_else(|e| panic!("{seed} {flat}: {e}"));
+        // One of two hundred may scatter by more than what a sound one practically never exceeds.
+        let left_out = fit.deviations.outliers as u32 - COUNTS[1];
+        assert!(left_out <= 1, "{seed} {flat}: {left_out}");
+        // Of a mean of 200 points, five times.
+        let bound = 5.0 * NOISE_MM / f64::from(COUNTS[0]).sqrt();
+        assert!((fit.radius_mm - 25.0).abs() < bound, "{seed} {flat}: {fit:?}");
+        assert!((fit.center_mm[2] - 650.0).abs() < bound && fit.normal[2] < -0.999, "{seed} {flat}: {fit:?}");
+    }
+}
+
 #[test]
 fn arrangements_without_the_shape_are_refused_or_honest() {
     for noise in [0.0, 1e-3, 0.1] {
