@@ -143,3 +143,12 @@ fn a_fit_is_the_same_whatever_it_shares_its_vector_with() {
         }
     }
 }
+
+#[test]
+fn pixels_that_say_nothing_make_no_fit() {
+    // All at full scale, and far more light is expected: no pixel is surprised.
+    let lines = lines(&[65535; 80]);
+    let seed = Seed { background: 80000.0, ..SEED };
+    let fit = Fitter::new(Level::new()).one(seed, &lines.line(0), COMMON);
+    assert!(fit.is_none(), "{fit:?}");
+}

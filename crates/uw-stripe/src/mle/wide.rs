@@ -34,7 +34,8 @@ impl Row {
     }
 }
 
-/// eˣ to 1e-11 of itself; for x below −100 that of −100, whose square is no denormal number, which processors take long over.
+/// eˣ to 1e-11 of itself; 0 for x below −100: smaller ones would square to denormal numbers, which processors take long over, and a pixel that
+/// says nothing must not pass for one that says a little.
 ///
 /// eˣ = 2ⁿ eʳ with n the whole number nearest to x / ln 2, and Taylor's series for |r| ≤ ½ ln 2.
 #[inline(always)]
@@ -44,7 +45,6 @@ pub(super) fn exp<S: Simd>(simd: S, x: V<S>) -> V<S> {
     const ROUNDER: f64 = 1.5 * (1u64 << 52) as f64;
     /// ln 2 in two parts, of which the first has so few bits that its products with n are exact.
     const LN_2: [f64; 2] = [6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10];
-    let x = x.simd_lt(LOWEST).select(V::splat(simd, LOWEST), x);
     let rounded = x * std::f64::consts::LOG2_E + ROUNDER;
     let n = rounded - ROUNDER;
     let r = x - n * LN_2[0] - n * LN_2[1];
@@ -56,7 +56,7 @@ pub(super) fn exp<S: Simd>(simd: S, x: V<S>) -> V<S> {
     let middle = pair(1.0 / 24.0, 1.0 / 120.0) + pair(1.0 / 720.0, 1.0 / 5040.0) * r2;
     let sum = low + (middle + pair(1.0 / 40_320.0, 1.0 / 362_880.0) * r4) * r4;
     let power = (rounded.to_bits() << 52) + u64x8::splat(simd, 1.0f64.to_bits());
-    sum * V::from_bits(power)
+    x.simd_lt(LOWEST).select(V::splat(simd, 0.0), sum * V::from_bits(power))
 }
 
 /// [`normal`](crate::special::normal) of each.
@@ -115,6 +115,10 @@ mod tests {
         const AT_MINUS_FIVE: f64 = 5.186_504;
         assert!((ratio(-5.0) / AT_MINUS_FIVE - 1.0).abs() < 1e-3);
         assert!((ratio(-4.0 - 1e-9) / ratio(-4.0 + 1e-9) - 1.0).abs() < 5e-3);
-        assert!((both(-1e5).0 / (-100f64).exp() - 1.0).abs() < 1e-11);
+        assert!((both(-99.9).0 / (-99.9f64).exp() - 1.0).abs() < 1e-11);
+        for far in [-100.1, -1e5, -1e300, f64::NEG_INFINITY] {
+            assert_eq!(both(far).0.to_bits(), 0, "{far}");
+        }
+        assert!(both(f64::NAN).0.is_nan());
     }
 }
