@@ -19,7 +19,7 @@ pub(crate) mod surroundings;
 mod tests;
 mod wide;
 
-use dense::{Factor, Symmetric};
+use dense::Symmetric;
 pub(crate) use problem::Seed;
 pub(crate) use settle::{Common, Fitter, Source, WINDOW, within};
 
@@ -98,29 +98,6 @@ impl Weights {
 
     fn variance(&self, level: f64, signal: f64) -> f64 {
         self.dark + level.max(0.0) * self.per_level + signal * signal * self.per_square
-    }
-}
-
-impl Solution {
-    /// The fit as far as parameters and covariance say it.
-    fn fit(&self, factor: &Factor<f64, MOST>) -> Fit {
-        let at = &self.at;
-        let sigma = |k: usize| factor.variance(k).max(0.0).sqrt();
-        Fit {
-            centre: at[CENTRE],
-            sigma: sigma(CENTRE),
-            flux: at[FLUX],
-            sigma_flux: sigma(FLUX),
-            width: at[LN_WIDTH].exp(),
-            background: background(&at[..self.size], self.pivot, self.unit),
-            chi2: 0.0,
-            freedom: 0.0,
-            skew: 0.0,
-            skew_snr: 0.0,
-            saturated: 0,
-            converged: false,
-            solution: *self,
-        }
     }
 }
 

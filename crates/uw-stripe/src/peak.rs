@@ -279,6 +279,8 @@ impl Test {
 
     /// Adds the places that pass, and those at the border, where boxes are cut; `highest` are the highest values within reach of each block, beside
     /// the lowest of all.
+    ///
+    /// What was subtracted from the line is left out: its noise only raises what is asked for.
     #[inline(always)]
     fn places<S: Simd>(
         &self,

@@ -79,25 +79,31 @@ impl Local {
         let (first_line, first_pixel, length) = job.origin();
         let centre = f64::from(stripe.position_px[line]) - first_pixel as f64;
         let amplitude = f64::from(stripe.amplitude[line]);
-        let first = self.value.len();
-        let usable = centre.is_finite() && amplitude > 0.0;
-        let from = start(model, centre, length);
-        if usable {
-            let to = (centre.round() as i64 + reach(model) + 1).clamp(0, length as i64) as usize;
-            for i in from..to {
-                let v = job.dn(line - first_line, i);
-                self.value.push(v);
-                self.clip.push(Clip::of(v, model.noise.full_scale_dn));
-            }
+        if !centre.is_finite() || amplitude.is_nan() || amplitude <= 0.0 {
+            self.skip();
+            return None;
         }
-        self.ranges.push(first..self.value.len());
+        let before = self.value.len();
+        let from = first_copied(model, centre, length);
+        let to = (centre.round() as i64 + reach(model) + 1).clamp(0, length as i64) as usize;
+        for i in from..to {
+            let v = job.dn(line - first_line, i);
+            self.value.push(v);
+            self.clip.push(Clip::of(v, model.noise.full_scale_dn));
+        }
+        self.ranges.push(before..self.value.len());
         let width = f64::from(model.width_px);
-        usable.then(|| Seed {
+        Some(Seed {
             centre: centre - from as f64,
             width,
             flux: amplitude * width * (2.0 * std::f64::consts::PI).sqrt(),
             background: f64::from(stripe.background[line]),
         })
+    }
+
+    /// A line of which nothing is needed.
+    fn skip(&mut self) {
+        self.ranges.push(0..0);
     }
 }
 
@@ -107,7 +113,7 @@ fn reach(model: &Model) -> i64 {
 }
 
 /// First pixel that is copied for the refinement of a stripe at `centre`.
-fn start(model: &Model, centre: f64, length: usize) -> usize {
+fn first_copied(model: &Model, centre: f64, length: usize) -> usize {
     (centre.round() as i64 - reach(model)).clamp(0, length as i64) as usize
 }
 
@@ -154,7 +160,7 @@ impl Engine {
             let seed = if needs(stripe, line) {
                 second.local.push(&job, line, model, stripe)
             } else {
-                second.local.ranges.push(0..0);
+                second.local.skip();
                 None
             };
             second.seeds.push(seed);
@@ -164,10 +170,9 @@ impl Engine {
         second.fitter.fit(second.seeds.iter().copied(), &second.local, common, &mut second.fits);
         for (fit, seed) in second.fits.iter_mut().zip(&second.seeds) {
             // A fit that left its window found something else.
-            let left = |f: &Fit, seed: &Seed| (f.centre - seed.centre).abs() > WINDOW.0 * f.width + WINDOW.1;
-            if fit.as_ref().zip(seed.as_ref()).is_some_and(|(fit, seed)| left(fit, seed)) {
-                *fit = None;
-            }
+            let stayed =
+                |f: &Fit, seed: &Seed| (f.centre - seed.centre).abs() <= WINDOW.0 * f.width + WINDOW.1;
+            *fit = fit.filter(|fit| seed.is_some_and(|seed| stayed(fit, &seed)));
         }
         mle::surroundings::share(&mut second.fits, &mut second.shapes);
         for (line, fit) in lines.zip(&self.second.fits) {
@@ -337,7 +342,7 @@ impl Engine {
         let (_, first_pixel, length) = job.origin();
         let sigma = fit.sigma * verdict::chi2_scale(fit).sqrt();
         let filtered = f64::from(stripe.position_px[line]) - first_pixel as f64;
-        let local = fit.centre + start(&self.model, filtered, length) as f64;
+        let local = fit.centre + first_copied(&self.model, filtered, length) as f64;
         let position = local + first_pixel as f64;
         // What the filters lacked is in the fit, or was clipped.
         stripe.flags[line] = stripe.flags[line].without(Flags::EDGE) | verdict::flags(fit);

@@ -5,9 +5,9 @@
 use super::dense::Symmetric;
 use super::pixels::Pixels;
 use super::problem::Prior;
-use super::wide::{Row, V, WIDE, exp, mills, normal};
+use super::wide::{Mask, Row, V, WIDE, exp, mills, normal};
 use super::{CENTRE, DAMPING, DEGREE, FLUX, LEVEL, LN_WIDTH, Weights};
-use fearless_simd::{Select, Simd, SimdBase, SimdFloat, SimdMask, mask64x8};
+use fearless_simd::{Select, Simd, SimdBase, SimdFloat, SimdMask};
 use std::ops::Range;
 
 /// Beyond so many widths from the centre there is no stripe: less than 1e-7 of its height.
@@ -16,9 +16,6 @@ const STRIPE_WIDTHS: f64 = 5.7;
 const SETTLED: f64 = 3e-4;
 /// Steps are cut to these: centre in widths, ln width, so that a bad start cannot throw the fit off its candidate.
 const LONGEST_STEP: [f64; 2] = [0.7, 0.35];
-
-/// One truth for each line.
-pub(super) type Mask<S> = mask64x8<S>;
 
 /// Lines in one window each, with their noise and what is known beforehand.
 pub(super) struct Group<'a, S: Simd> {
@@ -82,6 +79,8 @@ impl<S: Simd> Form<S> {
         }
         let low = (x - 0.5) * self.inverse;
         let high = (x + 0.5) * self.inverse;
+        // The edge between two pixels has one place, whichever it is worked out from: places and halves are exact. So a line's bits do not
+        // depend on whether one beside it had the pixel before.
         let (density_low, below_low) = match self.left {
             Some(left) => left,
             None => normal(simd, low),

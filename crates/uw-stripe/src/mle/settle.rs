@@ -3,7 +3,7 @@
 use super::judge::judge;
 use super::pixels::Pixels;
 use super::problem::{Problem, Seed};
-use super::solve::{Ended, ITERATIONS, Next, Way, end, go_on, look};
+use super::solve::{AT_A_TIME, Ended, ITERATIONS, Next, Way, end, go_on, look};
 use super::wide::WIDE;
 use super::{CENTRE, FLUX, Fit, LN_WIDTH, STRAIGHT, Weights, WidthPrior};
 use crate::NoiseModel;
@@ -58,10 +58,14 @@ pub(crate) struct Fitter {
     /// Fits whose window does not suit yet, and what they start from.
     pending: Vec<(usize, Seed)>,
     problems: Vec<(usize, Problem)>,
-    /// Fits that need iterations, and those that are there.
+    /// Fits that need iterations, those that need more, and those that are there.
     going: Vec<(usize, Way)>,
+    left: Vec<(usize, Way)>,
     there: Vec<(usize, Way)>,
-    ended: Vec<Option<Ended>>,
+    /// Fits that ended, with their lines; and where a line's is among them.
+    ended: Vec<(usize, Ended)>,
+    place: Vec<Option<usize>>,
+    /// Those that are judged together.
     order: Vec<usize>,
     residuals: Vec<Vec<Residual>>,
     of_group: [Vec<Residual>; WIDE],
@@ -87,8 +91,10 @@ impl Fitter {
             pending: Vec::new(),
             problems: Vec::new(),
             going: Vec::new(),
+            left: Vec::new(),
             there: Vec::new(),
             ended: Vec::new(),
+            place: Vec::new(),
             order: Vec::new(),
             residuals: Vec::new(),
             of_group: Default::default(),
@@ -128,20 +134,21 @@ impl Fitter {
         fits.pop().flatten()
     }
 
-    /// Fills `ended`.
+    /// Fills `ended` and `place`.
     fn settle(
         &mut self,
         seeds: impl Iterator<Item = Option<Seed>>,
         source: &impl Source,
         Common { noise, width }: Common<'_>,
     ) {
-        let Self { level, pixels, pending, problems, going, there, ended, .. } = self;
+        let Self { level, pixels, pending, problems, going, left, there, ended, place, .. } = self;
         let weights = Weights::of(noise);
         ended.clear();
+        place.clear();
         pending.clear();
         for seed in seeds {
-            pending.extend(seed.map(|seed| (ended.len(), seed)));
-            ended.push(None);
+            pending.extend(seed.map(|seed| (place.len(), seed)));
+            place.push(None);
         }
         for _ in 0..ROUNDS {
             problems.clear();
@@ -152,50 +159,47 @@ impl Fitter {
             }
             // Those of about the same length side by side: a group takes as long as its longest window.
             problems.sort_unstable_by_key(|(k, problem)| (problem.window.len(), *k));
-            let mut next = |k: usize, next: Next| match next {
-                Next::On(way) => going.push((k, way)),
-                Next::Done(found) => {
-                    pending.extend(found.again().map(|seed| (k, seed)));
-                    ended[k] = Some(found);
+            let mut done = |k: usize, found: Ended| {
+                pending.extend(found.again().map(|seed| (k, seed)));
+                match place[k] {
+                    Some(at) => ended[at] = (k, found),
+                    None => {
+                        place[k] = Some(ended.len());
+                        ended.push((k, found));
+                    }
                 }
             };
+            going.clear();
             for (group, lanes) in groups(problems) {
                 pixels.pack(lanes.map(|(k, problem)| (source.line(*k), &problem.window)), &weights);
-                let each = &mut |lane: usize, found| {
-                    if let Some((k, _)) = group.get(lane) {
-                        next(*k, found);
-                    }
+                let each = &mut |lane: usize, next| match (group.get(lane), next) {
+                    (Some((k, _)), Next::On(way)) => going.push((*k, way)),
+                    (Some((k, _)), Next::Done(found)) => done(*k, found),
+                    (None, _) => {}
                 };
                 look(*level, lanes.map(|(_, problem)| problem), pixels, weights, each);
             }
             there.clear();
-            while !going.is_empty() {
-                let mut left = Vec::new();
+            for round in (0..ITERATIONS).step_by(AT_A_TIME) {
+                left.clear();
                 for (group, lanes) in groups(going) {
                     pixels.pack(lanes.map(|(k, way)| (source.line(*k), &way.problem.window)), &weights);
                     let mut ways = lanes.map(|(_, way)| way.clone());
-                    let lost = go_on(*level, &mut ways, pixels, weights);
+                    let lost = go_on(*level, round, &mut ways, pixels, weights);
                     for (lane, ((k, _), way)) in group.iter().zip(ways).enumerate() {
-                        if lost >> lane & 1 == 1 {
-                            continue;
+                        if lost >> lane & 1 == 0 {
+                            if way.converged { &mut *there } else { &mut *left }.push((*k, way));
                         }
-                        let done = way.converged || way.rounds >= ITERATIONS;
-                        if done { &mut *there } else { &mut left }.push((*k, way));
                     }
                 }
-                *going = left;
+                std::mem::swap(going, left);
             }
-            let mut next = |k: usize, next: Next| {
-                if let Next::Done(found) = next {
-                    pending.extend(found.again().map(|seed| (k, seed)));
-                    ended[k] = Some(found);
-                }
-            };
+            there.append(going);
             for (group, lanes) in groups(there) {
                 pixels.pack(lanes.map(|(k, way)| (source.line(*k), &way.problem.window)), &weights);
                 let each = &mut |lane: usize, found| {
                     if let Some((k, _)) = group.get(lane) {
-                        next(*k, found);
+                        done(*k, found);
                     }
                 };
                 end(*level, lanes.map(|(_, way)| way), pixels, weights, each);
@@ -211,30 +215,30 @@ impl Fitter {
         fits: &mut Vec<Option<Fit>>,
         with_residuals: bool,
     ) {
-        let Self { level, pixels, ended, order, residuals, of_group, .. } = self;
+        let Self { level, pixels, ended, place, order, residuals, of_group, .. } = self;
         let weights = Weights::of(noise);
         fits.clear();
-        fits.resize(ended.len(), None);
+        fits.resize(place.len(), None);
         if with_residuals {
             residuals.iter_mut().for_each(Vec::clear);
-            residuals.resize_with(ended.len().max(residuals.len()), Vec::new);
+            residuals.resize_with(place.len().max(residuals.len()), Vec::new);
         }
         for straight in [true, false] {
             order.clear();
-            let of_kind = |e: &Ended| (e.way.size <= STRAIGHT) == straight;
-            order.extend((0..ended.len()).filter(|k| ended[*k].as_ref().is_some_and(of_kind)));
-            for group in order.chunks(WIDE) {
-                let lanes: [usize; WIDE] = std::array::from_fn(|lane| *group.get(lane).unwrap_or(&group[0]));
-                let Some(all) = every(lanes.map(|k| ended[k].as_ref())) else { continue };
-                let windows: [_; WIDE] =
-                    std::array::from_fn(|lane| (source.line(lanes[lane]), &all[lane].way.problem.window));
-                pixels.pack(windows, &weights);
+            order.extend((0..ended.len()).filter(|at| (ended[*at].1.way.size <= STRAIGHT) == straight));
+            for (group, lanes) in groups(order) {
+                let all = lanes.map(|at| &ended[*at].1);
+                pixels.pack(
+                    lanes.map(|at| (source.line(ended[*at].0), &ended[*at].1.way.problem.window)),
+                    &weights,
+                );
                 let wanted = with_residuals.then_some(&mut *of_group);
                 let judged = judge(*level, all, pixels, weights, wanted);
-                for (lane, (k, fit)) in group.iter().zip(judged).enumerate() {
-                    fits[*k] = Some(fit);
+                for (lane, (at, fit)) in group.iter().zip(judged).enumerate() {
+                    let (k, _) = ended[*at];
+                    fits[k] = Some(fit);
                     if with_residuals {
-                        std::mem::swap(&mut residuals[*k], &mut of_group[lane]);
+                        std::mem::swap(&mut residuals[k], &mut of_group[lane]);
                     }
                 }
                 of_group.iter_mut().for_each(Vec::clear);
@@ -251,10 +255,4 @@ fn half(width: f64) -> f64 {
 /// As many at a time as there are lanes, and what goes into them: those that are missing in the last group are copies of its first.
 fn groups<T>(all: &[T]) -> impl Iterator<Item = (&[T], [&T; WIDE])> {
     all.chunks(WIDE).map(|group| (group, std::array::from_fn(|lane| group.get(lane).unwrap_or(&group[0]))))
-}
-
-/// All of them, if none is missing.
-fn every<T: Copy>(all: [Option<T>; WIDE]) -> Option<[T; WIDE]> {
-    let first = all[0]?;
-    all.iter().all(Option::is_some).then(|| all.map(|one| one.unwrap_or(first)))
 }

@@ -4,18 +4,19 @@
 #![allow(clippy::needless_range_loop, reason = "indices read as in the formulas")]
 
 use super::dense::Symmetric;
-use super::likelihood::{Group, Mask};
+use super::likelihood::Group;
 use super::pixels::Pixels;
 use super::problem::Problem;
-use super::wide::{Row, V, WIDE, exp};
+use super::wide::{Mask, Row, V, WIDE, exp};
 use super::{CENTRE, DAMPING, LN_WIDTH, MOST, STRAIGHT, Solution, Weights, background};
 use fearless_simd::{Level, Select, Simd, SimdBase, SimdFloat, SimdMask, dispatch};
 
 /// Rao's score statistic beyond which a background counts as bent: six coefficients that are zero exceed it once in 2000.
 const BENT: f64 = 24.0;
-/// Most iterations; three to five are usual. So many are made before the others are put together anew.
+/// Most iterations; three to five are usual.
 pub(super) const ITERATIONS: usize = 30;
-const AT_A_TIME: usize = 3;
+/// So many are made before those that need more are put together anew.
+pub(super) const AT_A_TIME: usize = 3;
 /// Iterations before the background is judged straight or bent.
 const FIRST_LOOK: usize = 4;
 /// Iterations after which the background's origin follows the centre no more.
@@ -32,8 +33,6 @@ pub(super) struct Way {
     pub size: usize,
     /// Origin of the background's polynomials, px.
     pub pivot: f64,
-    /// Iterations made.
-    pub rounds: usize,
     pub converged: bool,
 }
 
@@ -49,7 +48,7 @@ pub(super) struct Ended {
 #[derive(Debug, Clone)]
 #[allow(clippy::large_enum_variant, reason = "taken apart at once, never kept")]
 pub(super) enum Next {
-    /// Iterations, until [`Way::converged`] or no more are left.
+    /// Iterations, until [`Way::converged`] or [`ITERATIONS`] are made.
     On(Way),
     Done(Ended),
 }
@@ -89,11 +88,13 @@ fn look_here<S: Simd>(
     let straight = V::splat(simd, STRAIGHT as f64);
     let full = row(&|p| p.full as f64);
     let mut alive = Mask::splat(simd, true);
+    // Close around the stripe, on a straight background.
     group.pivot = row(&|p| p.seed.centre);
     group.use_pixels(problems.map(|p| &p.close));
     let starts = problems.map(Problem::start);
     let mut first: [V<S>; STRAIGHT] = std::array::from_fn(|k| Row::of(|lane| starts[lane][k]).load(simd));
     let settled = group.iterate(&mut first, straight, (FIRST_LOOK, PIVOTING), &mut alive);
+    // There, what is left to do in the whole window: by all parameters, and by those of a straight background.
     let mut at = [none; MOST];
     at[..STRAIGHT].copy_from_slice(&first);
     group.use_pixels(problems.map(|p| &p.window));
@@ -109,6 +110,7 @@ fn look_here<S: Simd>(
     let width = exp(simd, at[LN_WIDTH]);
     let near = rest[CENTRE].abs().simd_lt(width * NEAR) & rest[LN_WIDTH].abs().simd_lt(NEAR);
     let converged = settled & near & !bent;
+    // Where one such step is enough, the fit ends there; `at` is where information and score were taken.
     let mut end = at;
     for k in 0..STRAIGHT {
         end[k] = converged.select(at[k] + rest[k], at[k]);
@@ -122,7 +124,6 @@ fn look_here<S: Simd>(
             at: std::array::from_fn(|k| end[k].0[lane]),
             size: sizes.0[lane] as usize,
             pivot: pivot.0[lane],
-            rounds: 0,
             converged: converged >> lane & 1 == 1,
         })
     });
@@ -132,29 +133,39 @@ fn look_here<S: Simd>(
         }
     }
     if converged & alive != 0 {
-        finish(&at, information, step, &mut ways, each);
+        finish(&at, information, step, &mut ways, &mut |lane, found| each(lane, Next::Done(found)));
     }
 }
 
-/// Some iterations on the lines of `ways`, which go on in place; gives the lanes where there is no stripe to be had, one bit each.
-pub(super) fn go_on(level: Level, ways: &mut [Way; WIDE], pixels: &Pixels, noise: Weights) -> u64 {
-    dispatch!(level, simd => go_on_here(simd, ways, pixels, noise))
+/// Some iterations, after `round` others, on the lines of `ways`, which go on in place; gives the lanes where there is no stripe to be had, one bit each.
+pub(super) fn go_on(
+    level: Level,
+    round: usize,
+    ways: &mut [Way; WIDE],
+    pixels: &Pixels,
+    noise: Weights,
+) -> u64 {
+    dispatch!(level, simd => go_on_here(simd, round, ways, pixels, noise))
 }
 
 #[inline(always)]
-fn go_on_here<S: Simd>(simd: S, ways: &mut [Way; WIDE], pixels: &Pixels, noise: Weights) -> u64 {
+fn go_on_here<S: Simd>(
+    simd: S,
+    round: usize,
+    ways: &mut [Way; WIDE],
+    pixels: &Pixels,
+    noise: Weights,
+) -> u64 {
     let mut group = group(simd, ways.each_ref(), pixels, noise);
     let mut at: [V<S>; MOST] = std::array::from_fn(|k| Row::of(|lane| ways[lane].at[k]).load(simd));
     let sizes = Row::of(|lane| ways[lane].size as f64).load(simd);
     let mut alive = Mask::splat(simd, true);
-    // They all have made as many.
-    let rounds = (AT_A_TIME, PIVOTING.saturating_sub(ways[0].rounds));
+    let rounds = (AT_A_TIME, PIVOTING.saturating_sub(round));
     let settled = group.iterate(&mut at, sizes, rounds, &mut alive).to_bitmask();
     let (at, pivot) = (at.map(Row::from), Row::from(group.pivot));
     for (lane, way) in ways.iter_mut().enumerate() {
         way.at = std::array::from_fn(|k| at[k].0[lane]);
         way.pivot = pivot.0[lane];
-        way.rounds += AT_A_TIME;
         way.converged = settled >> lane & 1 == 1;
     }
     !alive.to_bitmask()
@@ -166,7 +177,7 @@ pub(super) fn end(
     ways: [&Way; WIDE],
     pixels: &Pixels,
     noise: Weights,
-    each: &mut dyn FnMut(usize, Next),
+    each: &mut dyn FnMut(usize, Ended),
 ) {
     dispatch!(level, simd => end_here(simd, ways, pixels, noise, each));
 }
@@ -177,7 +188,7 @@ fn end_here<S: Simd>(
     ways: [&Way; WIDE],
     pixels: &Pixels,
     noise: Weights,
-    each: &mut dyn FnMut(usize, Next),
+    each: &mut dyn FnMut(usize, Ended),
 ) {
     let group = group(simd, ways, pixels, noise);
     let at: [V<S>; MOST] = std::array::from_fn(|k| Row::of(|lane| ways[lane].at[k]).load(simd));
@@ -203,7 +214,7 @@ fn finish<S: Simd>(
     information: Symmetric<V<S>, MOST>,
     mut step: [V<S>; MOST],
     ways: &mut [Option<Way>; WIDE],
-    each: &mut dyn FnMut(usize, Next),
+    each: &mut dyn FnMut(usize, Ended),
 ) {
     let factor = information.factor(0.0);
     let sound = !factor.soundness().is_nan().to_bitmask();
@@ -225,6 +236,6 @@ fn finish<S: Simd>(
                 solution.information.0[r][c] = of(&information[r][c]);
             }
         }
-        each(lane, Next::Done(Ended { way, solution }));
+        each(lane, Ended { way, solution });
     }
 }

@@ -9,7 +9,7 @@
 #![allow(clippy::needless_range_loop, reason = "indices read as in the formulas")]
 
 use super::dense::Symmetric;
-use super::{DEGREE, FLUX, Fit, LEVEL, MOST, Solution};
+use super::{CENTRE, DEGREE, FLUX, Fit, LEVEL, LN_WIDTH, MOST, background};
 
 /// Neighbours asked on either side.
 const REACH: usize = 16;
@@ -37,12 +37,8 @@ pub(crate) fn share(fits: &mut [Option<Fit>], shapes: &mut Vec<Option<Shape>>) {
     shapes.extend(fits.iter().map(|f| f.as_ref().and_then(Shape::of)));
     for (i, fit) in fits.iter_mut().enumerate() {
         let Some(fit) = fit.as_mut().filter(|_| shapes[i].is_some()) else { continue };
-        if let Some(better) = prior(shapes, i).and_then(|(mean, weight)| fit.solution.updated(&mean, &weight))
-        {
-            let (chi2, freedom) = (fit.chi2, fit.freedom);
-            let (skew, skew_snr) = (fit.skew, fit.skew_snr);
-            let (saturated, converged) = (fit.saturated, fit.converged);
-            *fit = Fit { chi2, freedom, skew, skew_snr, saturated, converged, ..better };
+        if let Some(better) = prior(shapes, i).and_then(|(mean, weight)| updated(fit, &mean, &weight)) {
+            *fit = better;
         }
     }
 }
@@ -120,24 +116,36 @@ fn prior(shapes: &[Option<Shape>], i: usize) -> Option<([f64; DEGREE], Symmetric
     Some((mean, weight))
 }
 
-impl Solution {
-    /// The fit with a prior on the background's shape; `None` where that leads to no stripe.
-    fn updated(&self, mean: &[f64; DEGREE], weight: &Symmetric<f64, DEGREE>) -> Option<Fit> {
-        let mut new = *self;
-        let mut step = [0.0; MOST];
-        for r in 0..DEGREE {
-            for c in 0..DEGREE {
-                let w = weight.0[r.max(c)][r.min(c)];
-                step[SHAPE + r] += w * (mean[c] - self.at[SHAPE + c]);
-                if c <= r {
-                    new.information.0[SHAPE + r][SHAPE + c] += w;
-                }
+/// The fit with a prior on the background's shape; `None` where that leads to no stripe.
+fn updated(fit: &Fit, mean: &[f64; DEGREE], weight: &Symmetric<f64, DEGREE>) -> Option<Fit> {
+    let mut solution = fit.solution;
+    let mut step = [0.0; MOST];
+    for r in 0..DEGREE {
+        for c in 0..DEGREE {
+            let w = weight.0[r.max(c)][r.min(c)];
+            step[SHAPE + r] += w * (mean[c] - solution.at[SHAPE + c]);
+            if c <= r {
+                solution.information.0[SHAPE + r][SHAPE + c] += w;
             }
         }
-        let factor = new.information.factor(0.0);
-        factor.solve(&mut step);
-        new.at.iter_mut().zip(&step).for_each(|(a, s)| *a += s);
-        let sound = new.at.iter().all(|v| v.is_finite()) && new.at[FLUX] > 0.5 * self.at[FLUX];
-        sound.then(|| new.fit(&factor))
     }
+    let factor = solution.information.factor(0.0);
+    factor.solve(&mut step);
+    let flux = solution.at[FLUX];
+    let at = &mut solution.at;
+    at.iter_mut().zip(&step).for_each(|(a, s)| *a += s);
+    if !at.iter().all(|v| v.is_finite()) || at[FLUX] <= 0.5 * flux {
+        return None;
+    }
+    let sigma = |k: usize| factor.variance(k).max(0.0).sqrt();
+    Some(Fit {
+        centre: at[CENTRE],
+        sigma: sigma(CENTRE),
+        flux: at[FLUX],
+        sigma_flux: sigma(FLUX),
+        width: at[LN_WIDTH].exp(),
+        background: background(&at[..solution.size], solution.pivot, solution.unit),
+        solution,
+        ..*fit
+    })
 }

@@ -1,10 +1,13 @@
 //! Numbers side by side, one for each of the lines that are fitted together. Of plain operations only, so that a fit has the same bits on
 //! every processor and whatever it shares its vector with.
 
-use fearless_simd::{Select, Simd, SimdBase, SimdFloat, SimdMask, f64x8, u64x8};
+use fearless_simd::{Select, Simd, SimdBase, SimdFloat, SimdMask, f64x8, mask64x8, u64x8};
 
 /// One number for each of [`WIDE`] lines.
 pub(crate) type V<S> = f64x8<S>;
+
+/// One truth for each of them.
+pub(super) type Mask<S> = mask64x8<S>;
 
 /// Lines that are fitted together.
 pub(super) const WIDE: usize = 8;
@@ -37,7 +40,7 @@ impl Row {
 /// eˣ to 1e-11 of itself; 0 for x below −100: smaller ones would square to denormal numbers, which processors take long over, and a pixel that
 /// says nothing must not pass for one that says a little.
 ///
-/// eˣ = 2ⁿ eʳ with n the whole number nearest to x / ln 2, and Taylor's series for |r| ≤ ½ ln 2.
+/// eˣ = 2ⁿ eʳ, for x up to 700, with n the whole number nearest to x / ln 2, and Taylor's series for |r| ≤ ½ ln 2.
 #[inline(always)]
 pub(super) fn exp<S: Simd>(simd: S, x: V<S>) -> V<S> {
     const LOWEST: f64 = -100.0;
