@@ -66,26 +66,25 @@ pub(super) fn spans(
         |t: usize, span: Span| if sound(t) && span != Span::Void { circles[t].1 } else { f64::INFINITY };
     let mut telling: Vec<f64> = (0..circles.len()).map(|t| tells(t, spans[t])).collect();
     let mut about = Surroundings::new(incident, &telling);
+    let in_image = |t: usize, typical: &[f64]| {
+        let (radius2, twice) = circles[t];
+        let [least, middle, most] = sorted(&flat.triangles[t], typical);
+        // Of two that are known, the denser one.
+        let (denser, sparsest) = if most.is_finite() { (middle, most) } else { (least, middle.min(most)) };
+        // The plane's area that falls to a point is that of two triangles.
+        if !(denser.is_finite() && radius2 <= largest * denser / MEDIAN_OF_MEAN) {
+            Span::Void
+        } else if twice > INCOMPLETE * if sparsest.is_finite() { sparsest } else { least } {
+            Span::Incomplete
+        } else {
+            Span::Neighbours
+        }
+    };
     let mut asked: Vec<u32> = (0..circles.len() as u32).collect();
     for _ in 0..PASSES {
-        let in_image = |t: usize| {
-            let (radius2, twice) = circles[t];
-            let [least, middle, most] = sorted(&flat.triangles[t], &about.typical);
-            // Of two that are known, the denser one.
-            let (denser, sparsest) =
-                if most.is_finite() { (middle, most) } else { (least, middle.min(most)) };
-            // The plane's area that falls to a point is that of two triangles.
-            if !(denser.is_finite() && radius2 <= largest * denser / MEDIAN_OF_MEAN) {
-                Span::Void
-            } else if twice > INCOMPLETE * if sparsest.is_finite() { sparsest } else { least } {
-                Span::Incomplete
-            } else {
-                Span::Neighbours
-            }
-        };
         let mut changed: Vec<u32> = Vec::new();
         for t in asked.iter().map(|t| *t as usize) {
-            let next = in_image(t);
+            let next = in_image(t, &about.typical);
             let before = std::mem::replace(&mut spans[t], next);
             if (next == Span::Void) != (before == Span::Void) {
                 telling[t] = tells(t, next);
@@ -97,6 +96,10 @@ pub(super) fn spans(
         }
         asked = about.again(incident, changed, &telling);
     }
+    // Few triangles tell little: what they call a void by chance is none to all those about it that are beyond doubt.
+    let suspects: Vec<usize> = (0..spans.len()).filter(|&t| spans[t] == Span::Void).collect();
+    about.widen(incident, suspects.iter().flat_map(|&t| flat.triangles[t]).collect(), &telling);
+    suspects.iter().for_each(|&t| spans[t] = in_image(t, &about.typical));
     let Some(lit) = lit_areas(cloud, flat, noise) else { return spans };
     let tells = |t: usize| sound(t) && spans[t] != Span::Void && lit[t] > 0.0;
     let telling: Vec<f64> = (0..lit.len()).map(|t| if tells(t) { lit[t] } else { f64::INFINITY }).collect();
@@ -148,10 +151,6 @@ impl Surroundings {
 
     /// Asks again where triangles tell something else now, given by their corners, and returns the triangles whose surroundings that may change.
     fn again(&mut self, incident: &Incident, mut changed: Vec<u32>, telling: &[f64]) -> Vec<u32> {
-        let unique = |list: &mut Vec<u32>| {
-            list.sort_unstable();
-            list.dedup();
-        };
         unique(&mut changed);
         changed.iter().for_each(|&v| self.own[v as usize] = own(v, incident, telling));
         let mut near = changed.clone();
@@ -162,6 +161,17 @@ impl Surroundings {
         unique(&mut asked);
         asked
     }
+
+    /// Asks twice as far around some vertices.
+    fn widen(&mut self, incident: &Incident, mut vertices: Vec<u32>, telling: &[f64]) {
+        unique(&mut vertices);
+        vertices.iter().for_each(|&v| self.typical[v as usize] = widely(v, incident, telling));
+    }
+}
+
+fn unique(list: &mut Vec<u32>) {
+    list.sort_unstable();
+    list.dedup();
 }
 
 /// Values that are put in order without a branch to be guessed; most vertices have no more triangles.
@@ -195,10 +205,23 @@ fn in_order(values: &mut [f64; FEW]) {
     exchange(3, 4);
 }
 
-/// The median over a vertex's triangles, the upper one of an even number; infinite of none.
+/// The median over a vertex's triangles, the lower one of an even number; infinite of none.
+///
+/// At a straight border half of them span what lies beyond it: the upper one would be that of the gap, and the gap the measure of itself.
 fn own(v: u32, incident: &Incident, telling: &[f64]) -> f64 {
     let values = incident.of(v).iter().map(|&t| telling[t as usize]);
-    ordered(values, |values, finite| values.get(finite / 2).copied().unwrap_or(f64::INFINITY))
+    ordered(values, |values, finite| {
+        values.get(finite.saturating_sub(1) / 2).copied().unwrap_or(f64::INFINITY)
+    })
+}
+
+/// The median over the triangles of a vertex and of its neighbours; infinite of none.
+fn widely(v: u32, incident: &Incident, telling: &[f64]) -> f64 {
+    let own = incident.of(v).iter();
+    let all = own.chain(incident.next(v).iter().flat_map(|&w| incident.of(w)));
+    let mut values: Vec<f64> = all.map(|&t| telling[t as usize]).filter(|value| value.is_finite()).collect();
+    let middle = values.len() / 2;
+    if values.is_empty() { f64::INFINITY } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
 /// The median over a vertex, half as often as it has triangles, and its neighbours.

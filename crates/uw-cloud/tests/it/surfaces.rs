@@ -16,6 +16,8 @@ const SHEETS: i32 = 60;
 const ROWS: i32 = 120;
 const SHEET_STEP: f64 = 1.6e-3;
 
+/// Height above the floor that the light is followed from, mm: the highest of the scenes, a pipe, stands 55 mm above it.
+const FOLLOWED_FROM_MM: f64 = 60.0;
 /// Step that the light is followed in, mm: where it meets a surface, points lie deeper by half of it.
 const FOLLOWED_MM: f64 = 0.025;
 
@@ -27,8 +29,8 @@ fn sweep(depth_mm: impl Fn(f64, f64) -> f64, random: &mut StdRng) -> PointCloud 
         for row in 0..ROWS {
             let line = Line { slope, row: f64::from(row - ROWS / 2) / FOCAL_PX };
             // The first depth at which the light is on or below the surface.
-            let Some(z) = (0..4000)
-                .map(|i| DEPTH_MM - 50.0 + FOLLOWED_MM * f64::from(i))
+            let Some(z) = (0..4400)
+                .map(|i| DEPTH_MM - FOLLOWED_FROM_MM + FOLLOWED_MM * f64::from(i))
                 .find(|&z| line.at(z)[2] >= depth_mm(line.at(z)[0], line.at(z)[1]))
             else {
                 continue;
@@ -69,6 +71,9 @@ fn across(mesh: &TriangleMesh, side: impl Fn(&[f64; 3]) -> bool) -> usize {
 /// Triangles of which some place lies farther than this off the surface, mm: noise, and what a triangle cuts off of the roundest surface here.
 const OFF_MM: f64 = 0.5;
 
+/// Triangles behind a round outline that may be left of some 13 000: README, Limits. A low pipe of 11 mm along the sheets has left four.
+const STILL_SPANNED: usize = 8;
+
 /// Counts the triangles that are no surface: a place in their middle, or on an edge, neither as deep as the scene is within the sheets' spacing, nor in a wall
 /// there: nothing nearer is told apart.
 fn no_surface(mesh: &TriangleMesh, depth_mm: &dyn Fn(f64, f64) -> f64) -> usize {
@@ -94,9 +99,6 @@ fn no_surface(mesh: &TriangleMesh, depth_mm: &dyn Fn(f64, f64) -> f64) -> usize 
     mesh.triangles().iter().filter(is_off).count()
 }
 
-/// Triangles behind a round outline that may be left of some 14 000: README, Limits. A low pipe of 9 mm has left thirteen.
-const STILL_SPANNED: usize = 28;
-
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
@@ -114,8 +116,7 @@ proptest! {
             let across = (c * x + s * y).abs();
             match kind {
                 0 if across < half => DEPTH_MM - height,
-                // Half of it and more stands out: the sight touches it above the floor.
-                1 if across < half => DEPTH_MM - height - (half * half - across * across).sqrt(),
+                1 => pipe(half, height, across),
                 2 if x.hypot(y) < half => DEPTH_MM - height,
                 _ => DEPTH_MM,
             }
@@ -127,6 +128,34 @@ proptest! {
         prop_assert!(spanned <= if kind == 1 { STILL_SPANNED } else { 0 }, "{}: {:?}", spanned, surface.cut);
         let used = surface.points.len() as f64 / cloud.len() as f64;
         prop_assert!(used > 0.98, "{} of the points are on triangles: {:?}", used, surface.cut);
+    }
+}
+
+/// Depth of a pipe above the floor, as far from its axis. Half of it and more stands out: the sight touches it above the floor.
+fn pipe(half: f64, height: f64, across: f64) -> f64 {
+    if across < half { DEPTH_MM - height - (half * half - across * across).sqrt() } else { DEPTH_MM }
+}
+
+/// Glare along its crown leaves a pipe without points there. Both borders of such a gap are straight, and half of the triangles at each of their points span it: what is typical of them is not the gap.
+#[test]
+fn a_straight_gap_is_no_measure_of_itself() {
+    let (half, height) = (24.013_482_585_433_87, 27.628_842_346_936_885);
+    let (s, c) = 1.731_915_810_005_996_8_f64.sin_cos();
+    let depth = |x: f64, y: f64| pipe(half, height, (c * x + s * y).abs());
+    for seed in 0..3 {
+        let all = sweep(depth, &mut random(seed));
+        for crown in [2.5, 5.0, 8.5, 12.0] {
+            let from_axis = |&[x, y, _]: &[f64; 3]| c * x + s * y;
+            let keep: Vec<usize> =
+                (0..all.len()).filter(|&i| from_axis(&all.positions_mm()[i]).abs() > crown).collect();
+            let cloud = all.selected(&keep);
+            for cloud in [bare(&cloud), cloud] {
+                let surface = triangulate(&cloud, &SurfaceOptions::default()).unwrap();
+                sound(&surface.mesh);
+                let spanning = across(&surface.mesh, |p| from_axis(p) > 0.0);
+                assert_eq!(spanning, 0, "gap of {} mm, {seed}: {:?}", 2.0 * crown, surface.cut);
+            }
+        }
     }
 }
 
@@ -231,8 +260,8 @@ fn points_thrown_at_random_have_no_holes_by_chance() {
     let surface = triangulate(&cloud, &SurfaceOptions::default()).unwrap();
     let topology = surface.mesh.topology();
     assert_eq!(topology.components, 1);
-    // One in a hundred such scans has one by chance where the density is known; here it is that of a dozen points.
-    assert!(topology.boundary_loops <= 4, "{} loops: {:?}", topology.boundary_loops, surface.cut);
+    // One in a hundred such scans has one by chance where the density is known; here it is that of some twenty points.
+    assert!(topology.boundary_loops <= 2, "{} loops: {:?}", topology.boundary_loops, surface.cut);
     // All but a little at the border of 200 mm square.
     assert!((surface.mesh.area_mm2() / 40_000.0 - 1.0).abs() < 0.02, "{}", surface.mesh.area_mm2());
 }
