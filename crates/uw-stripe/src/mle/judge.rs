@@ -5,8 +5,8 @@
 use super::dense::Symmetric;
 use super::likelihood::{Form, Group};
 use super::pixels::Pixels;
-use super::solve::Ended;
-use super::wide::{Row, V, WIDE, exp};
+use super::solve::{Ended, group};
+use super::wide::{Row, V, WIDE, exp, gather};
 use super::{CENTRE, DEGREE, FLUX, Fit, LEVEL, LN_WIDTH, MOST, STRAIGHT, Weights};
 use crate::noise::Residual;
 use fearless_simd::{Level, Select, Simd, SimdBase, SimdFloat, dispatch};
@@ -37,15 +37,12 @@ fn judge_here<S: Simd, const N: usize>(
 ) -> [Fit; WIDE] {
     let none = V::splat(simd, 0.0);
     let one = V::splat(simd, 1.0);
-    let units = Row::of(|lane| ended[lane].way.problem.unit);
-    let mut group = Group::new(simd, pixels, noise, ended.map(|e| e.way.problem.prior), &units);
-    group.pivot = Row::of(|lane| ended[lane].solution.pivot).load(simd);
-    group.use_pixels(ended.map(|e| &e.way.problem.window));
-    let at: [V<S>; N] = std::array::from_fn(|k| Row::of(|lane| ended[lane].way.at[k]).load(simd));
-    let sizes = Row::of(|lane| ended[lane].way.size as f64).load(simd);
+    let group = group(simd, ended.map(|e| &e.way), pixels, noise);
+    let at: [V<S>; N] = std::array::from_fn(|k| gather(simd, |lane| ended[lane].way.at[k]));
+    let sizes = gather(simd, |lane| ended[lane].way.size as f64);
     let information = Symmetric(std::array::from_fn(|r| {
         std::array::from_fn(|c| {
-            let all = Row::of(|lane| ended[lane].solution.information.0[r.max(c)][r.min(c)]).load(simd);
+            let all = gather(simd, |lane| ended[lane].solution.information.0[r.max(c)][r.min(c)]);
             let other = if r == c { one } else { none };
             sizes.simd_gt(r.max(c) as f64).select(all, other)
         })
@@ -62,11 +59,7 @@ fn judge_here<S: Simd, const N: usize>(
     for p in group.rows.clone() {
         let place = group.place(p);
         group.polynomials(place, N - 1 - LEVEL, &mut polynomials);
-        let background = Group::<S>::background(&at, &polynomials);
-        let profile = form.profile(simd, place);
-        let signal = profile.as_ref().map_or(none, |profile| profile.signal);
-        let value = signal + background;
-        let term = group.term(p, place, signal, value);
+        let (profile, term) = group.pixel(p, place, &polynomials, &at, &mut form);
         let mut gradient = [none; N];
         for k in LEVEL..N {
             gradient[k] = sizes.simd_gt(k as f64).select(polynomials[k - LEVEL], none);
@@ -77,9 +70,8 @@ fn judge_here<S: Simd, const N: usize>(
             by_skew = profile.by_skew;
         }
         let [full, floor] = pixels.clip[p];
-        let shown = Row::of(|lane| f64::from(!(full | floor) >> lane & 1)).load(simd);
-        let used = place.simd_ge(group.used[0]) & place.simd_lt(group.used[1]);
-        let shown = used.select(shown, none);
+        let shown = gather(simd, |lane| f64::from(!(full | floor) >> lane & 1));
+        let shown = term.used.select(shown, none);
         let square = term.residual * term.residual;
         chi2 += shown * square / term.variance;
         count += shown;
@@ -94,12 +86,8 @@ fn judge_here<S: Simd, const N: usize>(
             let left = left.simd_gt(0.0).select(left, none);
             freedom += shown * left;
             if let Some(residuals) = residuals.as_deref_mut() {
-                let level = match pixels.known.get(p) {
-                    Some([light, _]) => value + light.load(simd),
-                    None => value,
-                };
                 let [level, signal, square, variance, freedom, shown] =
-                    [level, signal, square, term.variance, left, shown].map(Row::from);
+                    [term.level, term.signal, square, term.variance, left, shown].map(Row::from);
                 for (lane, residuals) in residuals.iter_mut().enumerate().filter(|(l, _)| shown.0[*l] > 0.0) {
                     residuals.push(Residual {
                         level: level.0[lane],
@@ -122,7 +110,8 @@ fn judge_here<S: Simd, const N: usize>(
         let (_, weight) = group.known(k);
         taken += sizes.simd_gt(k as f64).select(one - weight * factor.variance(k), none);
     }
-    let rest = count - taken - 2.0;
+    // Centre and flux, of which nothing is known beforehand, take one each.
+    let rest = count - taken - LN_WIDTH as f64;
     let trace = Row::from(rest.simd_gt(0.0).select(rest, none));
     let freedom = Row::from(freedom);
     // Rao's score test for one more parameter, without fitting it.

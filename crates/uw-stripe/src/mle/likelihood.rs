@@ -4,8 +4,8 @@
 
 use super::dense::Symmetric;
 use super::pixels::Pixels;
-use super::problem::Prior;
-use super::wide::{Mask, Row, V, WIDE, exp, mills, normal};
+use super::problem::{Prior, Problem};
+use super::wide::{Mask, V, WIDE, exp, gather, mills, normal};
 use super::{CENTRE, DAMPING, DEGREE, FLUX, LEVEL, LN_WIDTH, Weights};
 use fearless_simd::{Select, Simd, SimdBase, SimdFloat, SimdMask};
 use std::ops::Range;
@@ -19,17 +19,17 @@ const LONGEST_STEP: [f64; 2] = [0.7, 0.35];
 
 /// Lines in one window each, with their noise and what is known beforehand.
 pub(super) struct Group<'a, S: Simd> {
-    pub simd: S,
-    pub pixels: &'a Pixels,
-    pub noise: Weights,
+    simd: S,
+    pixels: &'a Pixels,
+    noise: Weights,
     /// Place of the first pixel, and origin and reciprocal half-length of the background's polynomials, px.
-    pub first: V<S>,
+    first: V<S>,
     pub pivot: V<S>,
-    pub per_unit: V<S>,
+    per_unit: V<S>,
     /// First pixel in use and the one after the last, as places; and the rows where any line has one.
-    pub used: [V<S>; 2],
+    used: [V<S>; 2],
     pub rows: Range<usize>,
-    pub prior: [V<S>; 5],
+    prior: [V<S>; 5],
 }
 
 /// The stripe's share of a pixel, and its derivatives.
@@ -41,10 +41,16 @@ pub(super) struct Profile<S: Simd> {
     pub by_skew: V<S>,
 }
 
-/// What a pixel says: derivative of the log likelihood by the expected value, and its information; both 0 for one that is not in use.
+/// What a pixel says at some parameters.
 pub(super) struct Term<S: Simd> {
+    /// The stripe's light that is expected, and all light, DN.
+    pub signal: V<S>,
+    pub level: V<S>,
     pub residual: V<S>,
     pub variance: V<S>,
+    /// Whether it is in use.
+    pub used: Mask<S>,
+    /// Derivative of the log likelihood by the expected value, and its information; both 0 for one that is not in use.
     pub score: V<S>,
     pub information: V<S>,
 }
@@ -104,15 +110,17 @@ impl<S: Simd> Form<S> {
 }
 
 impl<'a, S: Simd> Group<'a, S> {
-    pub fn new(simd: S, pixels: &'a Pixels, noise: Weights, priors: [Prior; WIDE], units: &Row) -> Self {
-        let each = |of: fn(&Prior) -> f64| Row::of(|lane| of(&priors[lane])).load(simd);
-        Self {
+    /// The lines of some problems, whose windows are in `pixels` and in use; `pivot` is the origin of the background's polynomials.
+    #[inline(always)]
+    pub fn new(simd: S, problems: [&Problem; WIDE], pivot: V<S>, pixels: &'a Pixels, noise: Weights) -> Self {
+        let each = |of: fn(&Prior) -> f64| gather(simd, |lane| of(&problems[lane].prior));
+        let mut group = Self {
             simd,
             pixels,
             noise,
             first: pixels.first.load(simd),
-            pivot: V::splat(simd, 0.0),
-            per_unit: V::splat(simd, 1.0) / units.load(simd),
+            pivot,
+            per_unit: V::splat(simd, 1.0) / gather(simd, |lane| problems[lane].unit),
             used: [V::splat(simd, 0.0); 2],
             rows: 0..0,
             prior: [
@@ -122,20 +130,23 @@ impl<'a, S: Simd> Group<'a, S> {
                 each(|p| p.ln_width),
                 each(|p| p.ln_width_weight),
             ],
-        }
+        };
+        group.use_pixels(problems.map(|p| &p.window));
+        group
     }
 
     /// Uses these pixels of each line from here on.
     pub fn use_pixels(&mut self, windows: [&Range<usize>; WIDE]) {
-        let from = Row::of(|lane| windows[lane].start as f64);
-        let to = Row::of(|lane| windows[lane].end as f64);
         let row = |place: usize, lane: usize| place.saturating_sub(self.pixels.first.0[lane] as usize);
         let ends = |lane: usize| (row(windows[lane].start, lane), row(windows[lane].end, lane));
         let (start, end) = (0..WIDE)
             .map(ends)
             .fold((usize::MAX, 0), |(start, end), (from, to)| (start.min(from), end.max(to)));
         self.rows = start..end.min(self.pixels.value.len());
-        self.used = [from.load(self.simd), to.load(self.simd)];
+        self.used = [
+            gather(self.simd, |lane| windows[lane].start as f64),
+            gather(self.simd, |lane| windows[lane].end as f64),
+        ];
     }
 
     #[inline(always)]
@@ -172,17 +183,28 @@ impl<'a, S: Simd> Group<'a, S> {
         sum
     }
 
-    /// What the pixels of row `p` say where `value` is expected, `signal` of it the stripe's.
+    /// The stripe in the pixels of row `p`, at `place` and with the polynomials there, and what they say at the parameters `at`.
     #[inline(always)]
-    pub fn term(&self, p: usize, place: V<S>, signal: V<S>, value: V<S>) -> Term<S> {
+    pub fn pixel<const N: usize>(
+        &self,
+        p: usize,
+        place: V<S>,
+        polynomials: &[V<S>],
+        at: &[V<S>; N],
+        form: &mut Form<S>,
+    ) -> (Option<Profile<S>>, Term<S>) {
         let (simd, none) = (self.simd, self.none());
+        let background = Self::background(at, polynomials);
+        let profile = form.profile(simd, place);
+        let signal = profile.as_ref().map_or(none, |profile| profile.signal);
+        let value = signal + background;
         let mut level = value;
         if let Some([light, _]) = self.pixels.known.get(p) {
             level += light.load(simd);
         }
-        level = level.simd_lt(none).select(none, level);
+        let lit = level.simd_lt(none).select(none, level);
         let mut variance =
-            level * self.noise.per_level + signal * signal * self.noise.per_square + self.noise.dark;
+            lit * self.noise.per_level + signal * signal * self.noise.per_square + self.noise.dark;
         if let Some([_, known]) = self.pixels.known.get(p) {
             variance += known.load(simd);
         }
@@ -203,12 +225,8 @@ impl<'a, S: Simd> Group<'a, S> {
             information = clipped.select(slope * weight, information);
         }
         let used = place.simd_ge(self.used[0]) & place.simd_lt(self.used[1]);
-        Term {
-            residual,
-            variance,
-            score: used.select(score, none),
-            information: used.select(information, none),
-        }
+        let (score, information) = (used.select(score, none), used.select(information, none));
+        (profile, Term { signal, level, residual, variance, used, score, information })
     }
 
     /// Fisher information and score of the parameters; those of a line beyond its own `sizes` are held where they are.
@@ -241,10 +259,7 @@ impl<'a, S: Simd> Group<'a, S> {
         for p in self.rows.clone() {
             let place = self.place(p);
             self.polynomials(place, 2 * degree, &mut polynomials);
-            let background = Self::background(at, &polynomials);
-            let profile = form.profile(simd, place);
-            let signal = profile.as_ref().map_or(none, |profile| profile.signal);
-            let term = self.term(p, place, signal, signal + background);
+            let (profile, term) = self.pixel(p, place, &polynomials, at, &mut form);
             for k in 0..=2 * degree {
                 sums[k] += term.information * polynomials[k];
             }

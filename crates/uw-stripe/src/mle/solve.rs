@@ -7,7 +7,7 @@ use super::dense::Symmetric;
 use super::likelihood::Group;
 use super::pixels::Pixels;
 use super::problem::Problem;
-use super::wide::{Mask, Row, V, WIDE, exp};
+use super::wide::{Mask, Row, V, WIDE, exp, gather};
 use super::{CENTRE, DAMPING, LN_WIDTH, MOST, STRAIGHT, Solution, Weights, background};
 use fearless_simd::{Level, Select, Simd, SimdBase, SimdFloat, SimdMask, dispatch};
 
@@ -81,18 +81,16 @@ fn look_here<S: Simd>(
     noise: Weights,
     each: &mut dyn FnMut(usize, Next),
 ) {
-    let row = |of: &dyn Fn(&Problem) -> f64| Row::of(|lane| of(problems[lane])).load(simd);
-    let units = Row::of(|lane| problems[lane].unit);
-    let mut group = Group::new(simd, pixels, noise, problems.map(|p| p.prior), &units);
+    let middle = gather(simd, |lane| problems[lane].seed.centre);
+    let mut group = Group::new(simd, problems, middle, pixels, noise);
     let none = V::splat(simd, 0.0);
     let straight = V::splat(simd, STRAIGHT as f64);
-    let full = row(&|p| p.full as f64);
+    let full = gather(simd, |lane| problems[lane].full as f64);
     let mut alive = Mask::splat(simd, true);
     // Close around the stripe, on a straight background.
-    group.pivot = row(&|p| p.seed.centre);
     group.use_pixels(problems.map(|p| &p.close));
     let starts = problems.map(Problem::start);
-    let mut first: [V<S>; STRAIGHT] = std::array::from_fn(|k| Row::of(|lane| starts[lane][k]).load(simd));
+    let mut first: [V<S>; STRAIGHT] = std::array::from_fn(|k| gather(simd, |lane| starts[lane][k]));
     let settled = group.iterate(&mut first, straight, (FIRST_LOOK, PIVOTING), &mut alive);
     // There, what is left to do in the whole window: by all parameters, and by those of a straight background.
     let mut at = [none; MOST];
@@ -157,8 +155,8 @@ fn go_on_here<S: Simd>(
     noise: Weights,
 ) -> u64 {
     let mut group = group(simd, ways.each_ref(), pixels, noise);
-    let mut at: [V<S>; MOST] = std::array::from_fn(|k| Row::of(|lane| ways[lane].at[k]).load(simd));
-    let sizes = Row::of(|lane| ways[lane].size as f64).load(simd);
+    let mut at: [V<S>; MOST] = std::array::from_fn(|k| gather(simd, |lane| ways[lane].at[k]));
+    let sizes = gather(simd, |lane| ways[lane].size as f64);
     let mut alive = Mask::splat(simd, true);
     let rounds = (AT_A_TIME, PIVOTING.saturating_sub(round));
     let settled = group.iterate(&mut at, sizes, rounds, &mut alive).to_bitmask();
@@ -191,20 +189,22 @@ fn end_here<S: Simd>(
     each: &mut dyn FnMut(usize, Ended),
 ) {
     let group = group(simd, ways, pixels, noise);
-    let at: [V<S>; MOST] = std::array::from_fn(|k| Row::of(|lane| ways[lane].at[k]).load(simd));
-    let full = Row::of(|lane| ways[lane].problem.full as f64).load(simd);
+    let at: [V<S>; MOST] = std::array::from_fn(|k| gather(simd, |lane| ways[lane].at[k]));
+    let full = gather(simd, |lane| ways[lane].problem.full as f64);
     let (information, step) = group.normal_equations(&at, full);
     finish(&at, information, step, &mut ways.map(|way| Some(way.clone())), each);
 }
 
-/// The lines of the ways, with the whole windows in use.
+/// The lines of the ways, as far as these have come.
 #[inline(always)]
-fn group<'a, S: Simd>(simd: S, ways: [&Way; WIDE], pixels: &'a Pixels, noise: Weights) -> Group<'a, S> {
-    let units = Row::of(|lane| ways[lane].problem.unit);
-    let mut group = Group::new(simd, pixels, noise, ways.map(|w| w.problem.prior), &units);
-    group.pivot = Row::of(|lane| ways[lane].pivot).load(simd);
-    group.use_pixels(ways.map(|w| &w.problem.window));
-    group
+pub(super) fn group<'a, S: Simd>(
+    simd: S,
+    ways: [&Way; WIDE],
+    pixels: &'a Pixels,
+    noise: Weights,
+) -> Group<'a, S> {
+    let pivot = gather(simd, |lane| ways[lane].pivot);
+    Group::new(simd, ways.map(|way| &way.problem), pivot, pixels, noise)
 }
 
 /// Gives the ends of those ways that are there, with the information and score at `at` of all parameters.

@@ -29,9 +29,7 @@ fn model(at: &[f64; MOST]) -> Vec<(f64, [f64; MOST])> {
     let mut pixels = Pixels::default();
     pixels.pack([(lines.line(0), &problem.window); WIDE], &Weights::of(&NOISE));
     dispatch!(Level::new(), simd => {
-        let mut group = Group::new(simd, &pixels, Weights::of(&NOISE), [problem.prior; WIDE], &Row([problem.unit; WIDE]));
-        group.pivot = V::splat(simd, SEED.centre);
-        group.use_pixels([&problem.window; WIDE]);
+        let group = Group::new(simd, [&problem; WIDE], V::splat(simd, SEED.centre), &pixels, Weights::of(&NOISE));
         let at: [V<_>; MOST] = std::array::from_fn(|k| V::splat(simd, at[k]));
         let mut form = Form::of(simd, &at);
         let rows = group.rows.clone();

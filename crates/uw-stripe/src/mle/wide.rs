@@ -18,12 +18,6 @@ pub(super) const WIDE: usize = 8;
 pub(super) struct Row(pub [f64; WIDE]);
 
 impl Row {
-    /// The numbers of `of`, by lane.
-    #[inline(always)]
-    pub fn of(of: impl Fn(usize) -> f64) -> Self {
-        Self(std::array::from_fn(of))
-    }
-
     #[inline(always)]
     pub fn from<S: Simd>(values: V<S>) -> Self {
         let mut row = Self::default();
@@ -35,6 +29,12 @@ impl Row {
     pub fn load<S: Simd>(&self, simd: S) -> V<S> {
         V::from_slice(simd, &self.0)
     }
+}
+
+/// The numbers of `of`, by lane.
+#[inline(always)]
+pub(super) fn gather<S: Simd>(simd: S, of: impl Fn(usize) -> f64) -> V<S> {
+    Row(std::array::from_fn(of)).load(simd)
 }
 
 /// eˣ to 1e-11 of itself; 0 for x below −100: smaller ones would square to denormal numbers, which processors take long over, and a pixel that
