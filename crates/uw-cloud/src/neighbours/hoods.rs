@@ -27,6 +27,32 @@ struct Scratch {
     guess: f64,
 }
 
+impl Scratch {
+    /// Takes what is nearest to a place, asked for alone.
+    fn alone(&mut self, among: &Neighbours, place: &[f64; 3], count: usize) {
+        let Self { best, near, distances2, .. } = self;
+        among.nearest_into(place, count, best);
+        near.clear();
+        distances2.clear();
+        near.extend(best.iter().map(|near| among.sites[near.slot as usize].at));
+        distances2.extend(best.iter().map(|near| near.distance2));
+    }
+
+    /// Takes what was found among the candidates.
+    fn found(&mut self) {
+        let Self { candidates, near, distances2, .. } = self;
+        near.clear();
+        distances2.clear();
+        near.extend(candidates.found.iter().map(|&(_, slot)| candidates.at(slot)));
+        distances2.extend(candidates.found.iter().map(|&(distance2, _)| distance2));
+    }
+
+    /// The neighbourhood of a place of which that was taken.
+    fn hood(&self, place: [f64; 3]) -> Hood<'_> {
+        Hood { place, near: &self.near, distances2: &self.distances2 }
+    }
+}
+
 /// The neighbourhood of one of the points.
 pub(crate) struct Hood<'a> {
     /// The point.
@@ -84,21 +110,15 @@ impl Neighbours {
         let mut about = |place: [f64; 3], alone: bool| {
             counts.iter().zip(&mut scratches).find_map(|(&count, scratch)| {
                 let count = count.min(self.len());
-                let own = if alone { 0.0 } else { self.gather(&place, 0.0, count, scratch).0 };
-                let Scratch { best, candidates, near, distances2, guess, .. } = scratch;
-                near.clear();
-                distances2.clear();
                 if alone {
-                    self.nearest_into(&place, count, best);
-                    near.extend(best.iter().map(|near| self.sites[near.slot as usize].at));
-                    distances2.extend(best.iter().map(|near| near.distance2));
+                    scratch.alone(self, &place, count);
                 } else {
-                    *guess = GUESSED_MORE * own;
-                    candidates.nearest(&place, count, own, own * ROUNDED_UP);
-                    near.extend(candidates.found.iter().map(|&(_, slot)| candidates.at(slot)));
-                    distances2.extend(candidates.found.iter().map(|&(distance2, _)| distance2));
+                    let (own, _) = self.gather(&place, 0.0, count, scratch);
+                    scratch.guess = GUESSED_MORE * own;
+                    scratch.candidates.nearest(&place, count, own, own * ROUNDED_UP);
+                    scratch.found();
                 }
-                of(&Hood { place, near, distances2 })
+                of(&scratch.hood(place))
             })
         };
         let mut all = vec![None; self.len()];
@@ -139,35 +159,29 @@ impl Neighbours {
         let (middle, half) = bulk(leaf);
         let wide = scratch.guess > 0.0 && half > WIDE * scratch.guess;
         let (own, reach) = if wide { (0.0, 0.0) } else { self.gather(&middle, half, count, scratch) };
-        let Scratch { best, candidates, near, distances2, guess, .. } = scratch;
-        let alone = wide || candidates.len() > CROWDED * count.max(8);
+        let alone = wide || scratch.candidates.len() > CROWDED * count.max(8);
         if !alone {
-            *guess = GUESSED_MORE * own;
+            scratch.guess = GUESSED_MORE * own;
         }
         let (mut bound, mut previous) = (f64::INFINITY, middle);
         for (site, told) in leaf.iter().zip(told).filter(|(_, told)| told.is_none()) {
-            near.clear();
-            distances2.clear();
             let arm = square(&site.at, &middle).sqrt();
             let mut complete = false;
             if !alone && arm <= half {
                 // What was found for the point before bounds it as well; and only so far from it has everything been gathered.
                 let bounds = (own + arm).min(bound + square(&site.at, &previous).sqrt()) * ROUNDED_UP;
                 let bounds = bounds.min(reach - arm * ROUNDED_UP);
-                candidates.nearest(&site.at, count, bounds, (bounds + arm) * ROUNDED_UP);
-                complete = candidates.found.len() == count;
+                scratch.candidates.nearest(&site.at, count, bounds, (bounds + arm) * ROUNDED_UP);
+                complete = scratch.candidates.found.len() == count;
             }
             if complete {
-                near.extend(candidates.found.iter().map(|&(_, slot)| candidates.at(slot)));
-                distances2.extend(candidates.found.iter().map(|&(distance2, _)| distance2));
+                scratch.found();
             } else {
-                self.nearest_into(&site.at, count, best);
-                near.extend(best.iter().map(|near| self.sites[near.slot as usize].at));
-                distances2.extend(best.iter().map(|near| near.distance2));
+                scratch.alone(self, &site.at, count);
             }
-            bound = distances2.iter().copied().fold(0.0, f64::max).sqrt();
+            bound = scratch.distances2.iter().copied().fold(0.0, f64::max).sqrt();
             previous = site.at;
-            *told = of(&Hood { place: site.at, near, distances2 });
+            *told = of(&scratch.hood(site.at));
         }
     }
 

@@ -55,6 +55,9 @@ pub(super) fn cut(
             asked = faces.renew(&kept);
         }
         let more = cut_steps(cloud, noise, &limits, &spans, &mut kept, &mut faces, &asked);
+        if more.steps + more.unseen == 0 {
+            break;
+        }
         cut.steps += more.steps;
         cut.unseen += more.unseen;
     }

@@ -88,10 +88,23 @@ impl Incident {
         &self.next[self.range(vertex)]
     }
 
+    /// The triangles at some vertices, in order, each once.
+    pub(super) fn about(&self, vertices: &[u32]) -> Vec<u32> {
+        let mut about: Vec<u32> = vertices.iter().flat_map(|&v| self.of(v)).copied().collect();
+        unique(&mut about);
+        about
+    }
+
     fn range(&self, vertex: u32) -> std::ops::Range<usize> {
         let v = vertex as usize;
         self.starts[v] as usize..self.starts[v + 1] as usize
     }
+}
+
+/// Puts numbers in order, each once.
+pub(super) fn unique(list: &mut Vec<u32>) {
+    list.sort_unstable();
+    list.dedup();
 }
 
 /// Unit normals at vertices from the kept triangles about them; `None` where there are none. They are kept from one round of cutting to the next: only where triangles were cut are they made anew.
@@ -180,8 +193,7 @@ impl<'a> Faces<'a> {
     /// Makes those normals anew that triangles had a say in that were cut, and returns the triangles at these vertices, in order.
     pub(super) fn renew(&mut self, kept: &[bool]) -> Vec<u32> {
         let mut stale = std::mem::take(&mut self.stale);
-        stale.sort_unstable();
-        stale.dedup();
+        unique(&mut stale);
         let mut near = Near::new(self.at.len());
         for &v in &stale {
             let own = self.incident.of(v).iter().map(|t| *t as usize).filter(|t| kept[*t]);
@@ -189,10 +201,7 @@ impl<'a> Faces<'a> {
             let sharp = sharp.into_iter().any(|(t, other)| self.differ(t, other, kept));
             self.at[v as usize] = self.sum(v, sharp, &mut near, kept).facing(self.typical);
         }
-        let mut about: Vec<u32> = stale.iter().flat_map(|&v| self.incident.of(v)).copied().collect();
-        about.sort_unstable();
-        about.dedup();
-        about
+        self.incident.about(&stale)
     }
 }
 

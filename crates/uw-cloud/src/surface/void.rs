@@ -2,7 +2,7 @@
 
 use super::delaunay::{Flat, circle};
 use super::noise::Noise;
-use super::normals::Incident;
+use super::normals::{Incident, unique};
 use crate::cloud::PointCloud;
 use crate::neighbours::MANY;
 use rayon::prelude::*;
@@ -157,9 +157,7 @@ impl Surroundings {
         near.extend(changed.iter().flat_map(|&v| incident.next(v)));
         unique(&mut near);
         near.iter().for_each(|&v| self.typical[v as usize] = typical(v, incident, &self.own));
-        let mut asked: Vec<u32> = near.iter().flat_map(|&v| incident.of(v)).copied().collect();
-        unique(&mut asked);
-        asked
+        incident.about(&near)
     }
 
     /// Asks twice as far around some vertices.
@@ -167,11 +165,6 @@ impl Surroundings {
         unique(&mut vertices);
         vertices.iter().for_each(|&v| self.typical[v as usize] = widely(v, incident, telling));
     }
-}
-
-fn unique(list: &mut Vec<u32>) {
-    list.sort_unstable();
-    list.dedup();
 }
 
 /// Values that are put in order without a branch to be guessed; most vertices have no more triangles.
