@@ -46,7 +46,7 @@ pub struct Args {
 #[derive(Debug, clap::Args)]
 pub struct How {
     /// How a stripe's centre is estimated
-    #[arg(long, value_name = "METHOD", default_value = "robust")]
+    #[arg(long, value_name = "METHOD", default_value = Settings::default().stripe.name())]
     stripe: StripeArg,
     /// How light is traced
     #[arg(long, default_value = "exact")]
