@@ -10,7 +10,7 @@
 //! |---|---|---|---|---|---|---|
 //! | `Fast` | kHz cameras, weak computers, clear water | 0.99 | 1.01 | 0.99 | 4.6 | 24 % |
 //! | `Robust` | nearly everything | 0.99 | 1.01 | 0.99 | 0.98 | 0 |
-//! | `Precise` | unknown noise, images that have nothing in common | 1.01 | 1.04 | 1.01 | 1.00 | 0 |
+//! | `Precise` | unknown noise, images that have nothing in common | 1.00 | 1.04 | 1.01 | 1.00 | 0 |
 //! | `Ridge` | steep stripes and low signal, pooled along the stripe | 0.52 | 0.47 | 0.64 | 0.51 | 0 |
 //!
 //! `Fast` and `Robust` are vector kernels on the image as it lies in memory (`engine`, which see); with `Precise`, to which `Robust` hands

@@ -186,8 +186,9 @@ impl Precise {
     fn measure(&mut self, noise: &NoiseModel, prior: Option<WidthPrior>) {
         let common = Common { noise, width: prior };
         let chosen = Chosen { lines: &self.lines, candidates: &self.candidates, choice: &self.choice };
+        let known = self.known_width(prior);
         let seeds =
-            (0..self.choice.len()).map(|i| Some(shape(self.lines.line(i), chosen.candidate(i)?, prior)));
+            (0..self.choice.len()).map(|i| Some(shape(self.lines.line(i), chosen.candidate(i)?, known)));
         self.fitter.fit(seeds, &chosen, common, &mut self.fits);
         self.taken.clear();
         for (candidates, k) in self.candidates.iter().zip(&self.choice) {
@@ -199,6 +200,12 @@ impl Precise {
             }));
         }
         self.verdicts();
+    }
+
+    /// The width that fits start from. On a skirt of haze a line's own second moment is the skirt's, and so would be the window; where speckle
+    /// breaks the stripe into grains it is the grain's, as it should be.
+    fn known_width(&self, prior: Option<WidthPrior>) -> Option<f64> {
+        prior.filter(|_| self.grain_reach == 0.0).map(|p| p.ln_width.exp())
     }
 
     /// Judges the fits, each for itself and with its neighbours, and writes the result.
@@ -351,11 +358,11 @@ fn apart(window: Range<usize>, own: usize, others: impl Iterator<Item = usize>) 
     start.min(end)..end
 }
 
-/// Where a fit starts: first and second moment of what rises above the surroundings in the best box.
-fn shape(line: Line<'_>, c: &Candidate, prior: Option<WidthPrior>) -> Seed {
+/// Where a fit starts: first and second moment of what rises above the surroundings in the best box, or the width that is known.
+fn shape(line: Line<'_>, c: &Candidate, known: Option<f64>) -> Seed {
     let seed = |centre: f64, width: f64| Seed {
         centre,
-        width,
+        width: known.unwrap_or(width),
         flux: f64::from(c.flux.max(f32::MIN_POSITIVE)),
         background: f64::from(c.background),
     };
@@ -372,7 +379,7 @@ fn shape(line: Line<'_>, c: &Candidate, prior: Option<WidthPrior>) -> Seed {
         second += v * d * d;
     }
     if sum <= 0.0 {
-        return seed(c.centre as f64, prior.map_or(1.0, |p| p.ln_width.exp()));
+        return seed(c.centre as f64, 1.0);
     }
     let mean = first / sum;
     let width = (second / sum - mean * mean - 1.0 / 12.0).max(0.25).sqrt();

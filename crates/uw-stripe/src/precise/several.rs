@@ -40,11 +40,12 @@ impl Precise {
         let places = follow(&candidates, ranks, width);
         let raw = self.lines.value.clone();
         let common = Common { noise: &noise, width: prior };
+        let known = self.known_width(prior);
         let mut fits = vec![Vec::new(); ranks];
         for (rank, fits) in fits.iter_mut().enumerate() {
             let source = Ranks { lines: &self.lines, rank, places: &places };
             let seed = |(i, place): (usize, &Option<Candidate>)| {
-                Some(shape(self.lines.line(i), place.as_ref()?, prior))
+                Some(shape(self.lines.line(i), place.as_ref()?, known))
             };
             self.fitter.fit(places[rank].iter().enumerate().map(seed), &source, common, fits);
         }

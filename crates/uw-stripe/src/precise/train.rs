@@ -107,7 +107,7 @@ impl Precise {
                 let candidate = chosen.candidate(i)?;
                 let taken = place % step == 0;
                 place += 1;
-                taken.then(|| shape(self.lines.line(i), candidate, held))
+                taken.then(|| shape(self.lines.line(i), candidate, None))
             });
             let common = Common { noise: &noise, width: held };
             let residuals = self.fitter.fit_with_residuals(seeds, &chosen, common, &mut self.fits);

@@ -113,6 +113,7 @@ fn low_signal() {
 #[test]
 fn haze() {
     hold(&ROBUST, "haze", &Bar { over_bound: 1.2, bias_px: 0.02, found: 0.99 });
+    hold(&ROBUST, "haze, long tails", &Bar { over_bound: 1.2, bias_px: 0.02, found: 0.99 });
     hold(&RIDGE, "haze", &Bar { over_bound: 1.2, bias_px: 0.02, found: 0.99 });
 }
 

@@ -11,7 +11,7 @@ const NOISE: NoiseModel =
 const RECORDED: [(Method, [f64; 2]); 6] = [
     (Method::Fast, [7202.66867, 1.85780]),
     (Method::Robust, [7202.68191, 2.13384]),
-    (Method::Precise, [7202.53962, 2.11083]),
+    (Method::Precise, [7202.66518, 2.10631]),
     (Method::Ridge, [7202.63192, 0.90857]),
     (Method::Cog, [7202.20180, 3.35099]),
     (Method::BlaisRioux, [7202.58984, 1.66577]),
