@@ -17,6 +17,8 @@ pub(crate) const LEVELS_REACH: usize = 12;
 pub(crate) const LEVELS_APART: f64 = 3.0;
 const LEVELS_APART_STEPS: f64 = 8.0;
 const LEVEL_MARGIN: f64 = 1.5;
+/// Lines that make a level.
+const LEVEL_LINES: usize = 3;
 /// Sigma, in widths, of the shift by an edge that the stripe runs along: a Gaussian cut at its middle has its mean at
 /// 0.8 widths, and half of the width is the lens's.
 const LEAN_BETWEEN_LEVELS: f64 = 0.4;
@@ -78,9 +80,14 @@ impl Edges {
     fn between_levels(&self, i: usize) -> bool {
         let Some(here) = self.flux(Some(i)) else { return false };
         let nearby = i.saturating_sub(LEVELS_REACH)..(i + LEVELS_REACH + 1).min(self.flux.len());
-        let (low, high) = nearby
-            .filter_map(|j| self.flux(Some(j)))
-            .fold((f64::INFINITY, 0.0f64), |(low, high), f| (low.min(f), high.max(f)));
+        // A level is that of several lines: one that a hot pixel or a grain in the water brightens is none.
+        let (mut low, mut high) = ([f64::INFINITY; LEVEL_LINES], [0.0f64; LEVEL_LINES]);
+        for flux in nearby.filter_map(|j| self.flux(Some(j))) {
+            let (mut least, mut most) = (flux, flux);
+            low.iter_mut().for_each(|l| (*l, least) = (l.min(least), l.max(least)));
+            high.iter_mut().for_each(|h| (*h, most) = (h.max(most), h.min(most)));
+        }
+        let (low, high) = (low[LEVEL_LINES - 1], high[LEVEL_LINES - 1]);
         let apart = LEVELS_APART.max((LEVELS_APART_STEPS * self.usual).exp());
         high > apart * low && here > LEVEL_MARGIN * low && here * LEVEL_MARGIN < high
     }

@@ -163,7 +163,8 @@ impl Extractor {
             let roi = self.options.roi.unwrap_or(image.bounds()).check(image.width(), image.height())?;
             if let Some(engine) = &mut self.engine {
                 let job = Job { image, roi, axis: self.options.axis, kind };
-                engine.extract(job, self.options.track, P::buffers(&mut self.buffers), &mut self.stripe);
+                let buffers = P::buffers(&mut self.buffers);
+                engine.extract(job, self.options.track, buffers, &mut self.stripe);
                 if self.options.method == Method::Ridge {
                     let width = f64::from(engine.model().width_px);
                     // By steps, so that kernels are kept and a result depends on its own image alone.
@@ -173,7 +174,7 @@ impl Extractor {
                     let kept = self.ridge.take().filter(|(of, _)| of.total_cmp(&across).is_eq());
                     let (_, ridge) =
                         self.ridge.insert(kept.unwrap_or_else(|| (across, Ridge::new(across, self.level))));
-                    ridge.replace(&image, &mut self.stripe);
+                    ridge.replace(&buffers.cleaned().unwrap_or(image), &mut self.stripe);
                 }
             }
         }

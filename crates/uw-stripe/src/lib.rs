@@ -18,7 +18,7 @@
 //!
 //! | step | module | decides |
 //! |---|---|---|
-//! | lines | `lines` | rows or columns, background subtracted, which pixels are clipped |
+//! | lines | `lines`, `lone` | rows or columns, background subtracted, which pixels are clipped, which stand alone |
 //! | noise | `noise`, `flats` | variance of a grey value: given, read off the image, or off dark and flat frames |
 //! | candidates | `peak` | box Laplacian of Gaussian at several widths, threshold from the noise |
 //! | track | `track` | which candidate continues its neighbours' |
@@ -37,6 +37,7 @@ mod error;
 mod extractor;
 mod flats;
 mod lines;
+mod lone;
 mod median;
 mod mle;
 mod noise;

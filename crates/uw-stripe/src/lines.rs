@@ -1,5 +1,6 @@
 //! The image as lines along which the stripe is looked for, whatever its type, axis and background.
 
+use crate::lone::Lone;
 use crate::{Axis, Pixel, Roi, View};
 
 /// Whether a pixel shows its value or only a bound of it.
@@ -114,6 +115,27 @@ impl Lines {
                 *v -= b;
             }
         }
+    }
+
+    /// Puts the mean of those beside it in place of every pixel that stands alone; false if none does.
+    pub fn clean(&mut self, lone: &Lone) -> bool {
+        let length = self.length.max(1);
+        let mut any = false;
+        for (value, clip) in self.value.chunks_exact_mut(length).zip(self.clip.chunks_exact_mut(length)) {
+            if !lone.may_be(value) {
+                continue;
+            }
+            let mut before = value[0];
+            for i in 1..length.saturating_sub(1) {
+                let (here, after) = (value[i], value[i + 1]);
+                if lone.is(before, here, after) {
+                    (value[i], clip[i]) = (0.5 * (before + after), Clip::No);
+                    any = true;
+                }
+                before = here;
+            }
+        }
+        any
     }
 }
 

@@ -5,6 +5,7 @@ use fearless_simd::Level;
 use crate::bend::Bends;
 use crate::edges::Edges;
 use crate::lines::{Clip, Line, Lines};
+use crate::lone::Lone;
 use crate::mle::{self, Common, Fit, Fitter, Seed, Source, WidthPrior, within};
 use crate::noise::{self, Residual};
 use crate::peak::{Candidate, Candidates, Search};
@@ -123,24 +124,26 @@ impl Precise {
         background: Option<&View<'_, P>>,
     ) -> Result<(NoiseModel, Option<WidthPrior>), StripeError> {
         let full_scale = self.load(image, background)?;
-        Ok(match self.options.noise {
+        let (noise, width, found) = match self.options.noise {
             Some(noise) => {
                 self.find(&noise, CANDIDATE_SNR);
                 let (seen, width) = self.train(noise, full_scale, train::CLEAR);
-                if seen != noise {
-                    // Grains passed for candidates.
-                    self.find(&seen, CANDIDATE_SNR);
-                }
-                (seen, width)
+                // Grains passed for candidates if it is another.
+                (seen, width, seen == noise)
             }
             None => {
                 let first = self.first_noise(full_scale);
                 self.find(&first, FIRST_LOOK_SNR);
                 let (noise, width) = self.train(first, full_scale, train::CLEAR);
-                self.find(&noise, CANDIDATE_SNR);
-                (noise, width)
+                (noise, width, false)
             }
-        })
+        };
+        let known = self.known_width(width);
+        let cleaned = known.is_some_and(|width| self.lines.clean(&Lone::new(&noise, width)));
+        if cleaned || !found {
+            self.find(&noise, CANDIDATE_SNR);
+        }
+        Ok((noise, width))
     }
 
     /// Checks and loads the image; gives the clipping value.

@@ -8,7 +8,9 @@
 //! p is a quarter of a pixel to the side on which the stripe's centre lies, so that what is left is a quarter of a pixel and the filter is
 //! matched to a thousandth. Levels of ρ + κ are half octaves; a group of 16 lines shares one, at the mean of their heights.
 
-use fearless_simd::{Select, Simd, SimdBase, SimdFloat, f32x16, mask32x16};
+use std::ops::Range;
+
+use fearless_simd::{Select, Simd, SimdBase, SimdFloat, SimdMask, f32x16, mask32x16};
 use nalgebra::{SMatrix, SVector};
 
 use super::lanes::CHUNK;
@@ -26,8 +28,12 @@ const REACH_WIDTHS: f64 = 3.2;
 const BELIEVED_WIDTHS: f64 = 0.5;
 /// Height that divides where there is none, DN.
 const LEAST_HEIGHT: f32 = 1e-3;
-/// Sigmas from which the slope of the background under a chunk of lines is taken out.
+/// Sigmas by which a pixel must stand above what the height explains to be no part of a stripe.
+const SPIKE_SIGMAS: f32 = 5.0;
+/// Sigmas from which the slope of the background under a chunk of lines is taken out, and most that one line has a say: a hot pixel beside
+/// its stripe is no haze.
 const SIGNIFICANT: f32 = 4.0;
+const MOST_SAY: f32 = 3.0;
 /// Degree of the polynomial that inverts t.
 const DEGREE: usize = 5;
 
@@ -48,6 +54,9 @@ pub(crate) struct Bank {
     min_snr: f32,
     /// Flux of a stripe of height 1.
     flux: f32,
+    /// Largest grey value above the background, by the height, that still is a stripe's: midway, as ratios go, between a stripe's, 1, and that
+    /// of a pixel that stands alone.
+    peak: f32,
     /// Shift beyond which the window should be moved, px.
     pub recentre: f32,
 }
@@ -96,6 +105,8 @@ pub(crate) struct Estimates {
     /// Natural logarithm of width by the filter's, and its standard deviation; only where asked for.
     pub ln_width: [f32; GROUP],
     pub sigma_ln_width: [f32; GROUP],
+    /// Whether the largest grey value of some window is more than its height explains: a hot pixel, or a grain in the water.
+    pub spike: bool,
 }
 
 impl Default for Estimates {
@@ -112,12 +123,13 @@ impl Default for Estimates {
             slope: none,
             ln_width: none,
             sigma_ln_width: none,
+            spike: false,
         }
     }
 }
 
 /// A stripe of height 1 and width `w` centred on `c` at pixel k, and its derivative by c: integrated over the pixel.
-fn profile(k: f64, c: f64, w: f64) -> (f64, f64) {
+pub(super) fn profile(k: f64, c: f64, w: f64) -> (f64, f64) {
     let ((low_density, low), (high_density, high)) = (normal((k - 0.5 - c) / w), normal((k + 0.5 - c) / w));
     let unit = (2.0 * std::f64::consts::PI).sqrt();
     (unit * w * (high - low), -unit * (high_density - low_density))
@@ -140,6 +152,7 @@ impl Bank {
             })
             .collect();
         let flux = ((2.0 * std::f64::consts::PI).sqrt() * width) as f32;
+        let plain = Kernel::new(width, half, 0.0, 0.0);
         Self {
             half,
             width: width_px,
@@ -148,6 +161,7 @@ impl Bank {
             dark: dark as f32,
             min_snr,
             flux,
+            peak: plain.middle[1].max(f32::MIN_POSITIVE).sqrt().recip(),
             recentre: (PHASE + BELIEVED_WIDTHS * width) as f32,
         }
     }
@@ -168,6 +182,7 @@ impl Bank {
         out: &mut Estimates,
     ) {
         let chunks = lines.div_ceil(CHUNK);
+        out.spike = false;
         // All levels first: what each waits for overlaps.
         let mut levels = [0; GROUP / CHUNK];
         for (chunk, level) in levels[..chunks].iter_mut().enumerate() {
@@ -178,7 +193,7 @@ impl Bank {
                 simd,
                 windows.chunk(chunk),
                 &self.kernels[*level],
-                (chunk * CHUNK, out),
+                (chunk * CHUNK..lines, out),
             );
         }
     }
@@ -202,12 +217,12 @@ impl Bank {
         simd: S,
         (pixels, apart): (&[P], usize),
         kernel: &Kernel,
-        (from, out): (usize, &mut Estimates),
+        (lines, out): (Range<usize>, &mut Estimates),
     ) {
         let noise = &self.noise;
         let (shot, dark) = (noise.gain_e_per_dn.recip(), self.dark);
         let contrast = noise.speckle_contrast * noise.speckle_contrast;
-        let half = self.half;
+        let (half, from) = (self.half, lines.start);
         let (first, rest) = pixels.split_at(half * apart);
         let middle = floats(simd, rest);
         let mut sums = [splat(simd, 0.0); 4];
@@ -261,7 +276,8 @@ impl Bank {
             let sigma = variance([base, own, speckle], &kernel.extra_noise[1]).sqrt() * inverse;
             sigma.store_slice(&mut out.sigma_ln_width[from..from + CHUNK]);
             // What haze does to one line is hidden in its noise; sixteen neighbours show it.
-            if mirrored.of(simd, z).reduce_sum().abs() > SIGNIFICANT * (CHUNK as f32).sqrt() {
+            let say = mirrored.of(simd, clamp(simd, z, [-MOST_SAY, MOST_SAY]));
+            if say.reduce_sum().abs() > SIGNIFICANT * (CHUNK as f32).sqrt() {
                 t = clamp(simd, t - lean, kernel.range);
                 moment_variance += slope_variance * (kernel.lean * kernel.lean);
             }
@@ -273,6 +289,10 @@ impl Bank {
         let matched = self.width * std::f32::consts::PI.sqrt();
         // Sign and square of the ratio to the noise of the dark: comparisons need no root.
         let excess = height.max(zero) * safe * matched - base * (self.min_snr * self.min_snr);
+        let beyond = (top - background - height * self.peak).max(zero);
+        let spike = (beyond * beyond).simd_gt((base + own) * (SPIKE_SIGMAS * SPIKE_SIGMAS)).to_bitmask();
+        // Beyond the last line lies what was there before.
+        out.spike |= spike & ((1 << lines.len().min(CHUNK)) - 1) != 0;
         mirrored.of(simd, shift).store_slice(&mut out.shift[from..from + CHUNK]);
         sigma.store_slice(&mut out.sigma[from..from + CHUNK]);
         height.store_slice(&mut out.amplitude[from..from + CHUNK]);

@@ -55,11 +55,11 @@ impl Engine {
         /// Times that windows are moved to where the estimate points.
         const ROUNDS: usize = 3;
         let (_, _, length) = job.origin();
-        let Buffers { front, windows } = buffers;
+        let Buffers { front, windows, .. } = buffers;
         let (first, count) = (lines.start, lines.len());
         let at = &mut front.places[rank].at[first..first + count];
         if at.iter().all(|a| *a == NOWHERE) {
-            self.write::<P, EXTRA>(job, first, at, stripe);
+            self.write::<P, EXTRA>(job, first, (rank, at), stripe);
             return;
         }
         for round in 0..ROUNDS {
@@ -78,7 +78,7 @@ impl Engine {
                 classic::blais_rioux(&self.bank, values, &mut self.estimates);
             }
         }
-        self.write::<P, EXTRA>(job, first, at, stripe);
+        self.write::<P, EXTRA>(job, first, (rank, at), stripe);
     }
 
     /// Moves the places whose stripe lies too far beside; true where one moved.
@@ -102,13 +102,13 @@ impl Engine {
         moved
     }
 
-    /// Writes a group's estimates with their verdicts.
+    /// Writes a group's estimates with their verdicts, and notes whether some strongest candidate looks as if a pixel was no light of a stripe.
     #[inline(always)]
     fn write<P: Pixel, const EXTRA: bool>(
-        &self,
+        &mut self,
         job: &Job<'_, P>,
         first: usize,
-        at: &[u32],
+        (rank, at): (usize, &[u32]),
         stripe: &mut Stripe,
     ) {
         let (first_line, first_pixel, length) = job.origin();
@@ -164,9 +164,11 @@ impl Engine {
                 }
             }
         }
+        self.suspect |= rank == 0 && (lacking || self.estimates.spike);
         if doubtful == 0 {
             return;
         }
+        let e = &self.estimates;
         for (l, (line, &at)) in out.zip(at).enumerate() {
             if at == NOWHERE {
                 for array in [

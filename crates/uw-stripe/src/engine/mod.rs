@@ -8,6 +8,7 @@
 //! | shift, height, background, sigma: matched filters | `fir` |
 //! | centre of gravity, Blais and Rioux: for comparison | `classic` |
 //! | estimates to results, with verdicts | `measure` |
+//! | hot and dead pixels, grains in the water | `spikes` |
 //! | two candidates a line, neighbours, what the filters cannot do | `robust` |
 //! | edges of brightness, speckle, ends and bends: what only the lines together show | `along` |
 //! | only around the last image's positions | `gate` |
@@ -27,6 +28,7 @@ mod maxima;
 mod measure;
 mod robust;
 mod rows;
+mod spikes;
 #[cfg(test)]
 mod tests;
 mod window;
@@ -42,6 +44,7 @@ use gate::Gate;
 pub use gate::Tracking;
 use measure::group_from;
 use robust::Second;
+use spikes::Cleaned;
 use window::{GROUP, Windows};
 
 /// What the kernels must know of stripe and camera, and what decides.
@@ -69,6 +72,14 @@ pub(crate) enum Kind {
 pub struct Buffers<P> {
     front: Front<P>,
     windows: Windows<P>,
+    cleaned: Cleaned<P>,
+}
+
+impl<P: Pixel> Buffers<P> {
+    /// The last image without its lone pixels, if it had any and all of it was looked at.
+    pub(crate) fn cleaned(&self) -> Option<View<'_, P>> {
+        self.cleaned.image()
+    }
 }
 
 /// Buffers of both pixel types.
@@ -88,6 +99,8 @@ pub(crate) struct Engine {
     second: Second,
     along: Along,
     gate: Gate,
+    /// Whether some pixel of the last look looked like no light of a stripe.
+    suspect: bool,
 }
 
 /// One image and what to look for in it.
@@ -134,6 +147,7 @@ impl Engine {
             second: Second::new(level),
             along: Along::default(),
             gate: Gate::default(),
+            suspect: false,
         }
     }
 
@@ -157,6 +171,7 @@ impl Engine {
         }
         stripe.noise = self.model.noise;
         stripe.scatter_widths = 0.0;
+        buffers.cleaned.reset();
         match tracking {
             Some(tracking) => self.tracked(job, tracking, buffers, stripe),
             None => self.region(&job, buffers, stripe),
@@ -170,14 +185,38 @@ impl Engine {
     /// One region, by the kind of estimate asked for.
     #[inline(never)]
     fn region<P: Pixel>(&mut self, job: &Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
+        self.look(job, buffers, stripe);
+        // What others would make of the image is not ours to mend.
+        if !self.suspect || !matches!(job.kind, Kind::Fast | Kind::Robust) {
+            return self.second_look(job, buffers, stripe);
+        }
+        let mut cleaned = std::mem::take(&mut buffers.cleaned);
+        if let Some(image) = self.cleaned(job, &mut cleaned) {
+            let job = &Job { image, ..*job };
+            self.look(job, buffers, stripe);
+            self.second_look(job, buffers, stripe);
+        } else {
+            self.second_look(job, buffers, stripe);
+        }
+        buffers.cleaned = cleaned;
+    }
+
+    /// Strongest candidates and estimates at them.
+    fn look<P: Pixel>(&mut self, job: &Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
+        self.suspect = false;
         if job.kind == Kind::Robust {
             self.first::<P, true>(job, false, buffers, stripe);
-            self.robust(*job, buffers, stripe);
         } else {
             self.first::<P, false>(job, false, buffers, stripe);
-            if self.alone(job, buffers, stripe) {
-                self.take(job, buffers, stripe);
-            }
+        }
+    }
+
+    /// What else there may be.
+    fn second_look<P: Pixel>(&mut self, job: &Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
+        if job.kind == Kind::Robust {
+            self.robust(*job, buffers, stripe);
+        } else if self.alone(job, buffers, stripe) {
+            self.take(job, buffers, stripe);
         }
     }
 

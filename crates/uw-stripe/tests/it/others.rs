@@ -1,10 +1,10 @@
-//! Scenes that the methods were not made on: other widths, cameras, borders, hazes, glints, gaps, ends, defocus, saturation.
+//! Scenes that the methods were not made on: other widths, cameras, borders, hazes, glints, gaps, ends, defocus, saturation, hot pixels.
 
 use crate::optics::{Camera, Optics};
 use crate::suite::{Case, HEIGHT, MIDDLE, dark, plain, wavy};
 
 /// The scenes.
-pub const OTHERS: [Case; 12] = [
+pub const OTHERS: [Case; 14] = [
     Case { name: "narrow", make: |w, c| plain(0.65 * w, c, 0.6) },
     Case { name: "wide", make: |w, c| plain(2.0 * w, c, 0.6) },
     Case { name: "other cameras", make: |w, c| plain(w, other(c), 0.5) },
@@ -16,6 +16,14 @@ pub const OTHERS: [Case; 12] = [
     Case { name: "defocus along", make: defocus },
     Case { name: "saturated threefold", make: |w, c| plain(w, c, 3.0) },
     Case { name: "shaded", make: |w, c| shaded(w, c, 0.02) },
+    Case { name: "hot pixels", make: |w, c| with_hot_pixels(plain(w, c, 0.5)) },
+    Case {
+        name: "hot pixels, low signal",
+        make: |w, c| {
+            let faint = 8.0 * c.variance(dark(&c)).sqrt() / c.full_scale_dn;
+            with_hot_pixels(plain(w, c, faint))
+        },
+    },
     Case { name: "shaded, textured", make: |w, c| shaded(w, c, 0.1) },
 ];
 
@@ -86,4 +94,17 @@ fn shaded(sigma_px: f64, camera: Camera, texture: f64) -> Optics {
         full * 0.7 * (-1.6 * v / HEIGHT as f64).exp() * texture
     };
     Optics { strength: Box::new(strength), ..plain(sigma_px, camera, 0.7) }
+}
+
+/// One pixel in a thousand shows a third of full scale to all of it, as hot ones of a long exposure do.
+fn with_hot_pixels(scene: Optics) -> Optics {
+    const SHARE: f64 = 1e-3;
+    let full = scene.camera.full_scale_dn;
+    let background = move |u: f64, v: f64| {
+        // Any irregular sequence will do.
+        let chance = (u.round() * 12.9898 + v.round() * 78.233).sin() * 43_758.545;
+        let chance = chance - chance.floor();
+        (scene.background)(u, v) + if chance < SHARE { full * (0.33 + 0.67 * chance / SHARE) } else { 0.0 }
+    };
+    Optics { background: Box::new(background), ..scene }
 }

@@ -1,0 +1,59 @@
+//! Pixels that stand alone on their line: hot and dead ones, and grains in the water that are smaller than the stripe is wide.
+//!
+//! A hot pixel outshines a faint stripe, and one beside the stripe pulls at its centre. No stripe lights a pixel so much more than both beside
+//! it, and none leaves one so dark between them.
+
+use crate::NoiseModel;
+use crate::special::normal;
+
+/// Sigmas of a grey value by which a pixel must stand alone: twice in a million by noise.
+const SIGMAS: f32 = 5.0;
+/// Width of the narrowest stripe that is left alone, by the usual one's.
+const NARROWEST: f64 = 0.5;
+
+/// How far a pixel must stand alone.
+#[derive(Debug)]
+pub(crate) struct Lone {
+    /// Largest ratio, above nothing, of a stripe's grey value to the larger one beside it.
+    ratio: f32,
+    /// Variance of a grey value by a sigma's square: that of none, DN², and what each DN adds.
+    dark: f32,
+    shot: f32,
+}
+
+impl Lone {
+    /// For a stripe of this width, px, in that noise.
+    pub fn new(noise: &NoiseModel, width_px: f64) -> Self {
+        let width = NARROWEST * width_px;
+        // Light of a pixel on which a stripe is centred, and of the next one.
+        let inner = normal(0.5 / width).1;
+        let outer = normal(1.5 / width).1;
+        Self {
+            ratio: ((2.0 * inner - 1.0) / (outer - inner)) as f32,
+            dark: SIGMAS * SIGMAS * noise.variance(0.0, 0.0) as f32,
+            shot: SIGMAS * SIGMAS / noise.gain_e_per_dn,
+        }
+    }
+
+    /// Whether `here` is more, or less, than a stripe could make it between `before` and `after`, DN.
+    pub fn is(&self, before: f32, here: f32, after: f32) -> bool {
+        let (low, high) = (before.min(after), before.max(after));
+        let beyond = |level: f32| (self.dark + level.max(0.0) * self.shot).sqrt();
+        here - self.ratio * high.max(0.0) > beyond(high) || low - self.ratio * here.max(0.0) > beyond(low)
+    }
+
+    /// Whether some pixel of a line may be one: without a root and an early end, so that many are asked at a time.
+    pub fn may_be(&self, line: &[f32]) -> bool {
+        let least = self.least();
+        let asked = line.iter().zip(line.get(1..).unwrap_or(&[])).zip(line.get(2..).unwrap_or(&[]));
+        asked.fold(false, |any, ((before, here), after)| {
+            let (low, high) = (before.min(*after), before.max(*after));
+            any | (here - self.ratio * high.max(0.0) > least) | (low - self.ratio * here.max(0.0) > least)
+        })
+    }
+
+    /// Difference that any of them has, DN.
+    pub fn least(&self) -> f32 {
+        self.dark.sqrt()
+    }
+}
