@@ -37,8 +37,10 @@ const LEAST_MEMBERS: usize = 20;
 const LEAST_SPREAD: f64 = 2.0;
 /// A shift beyond this share of the stripe's width is no longer second order: the measurement is taken out.
 const LIMIT_WIDTHS: f64 = 0.25;
-/// Standard deviation of a shift, as a share of it: what the second order and the thickness leave.
+/// Standard deviation of a shift, as a share of it: what the second order and the thickness leave; and where images on one side alone tell it, which
+/// see the surface bend away no further than they reach.
 const UNSURE: f64 = 0.3;
+const UNSURE_OUTWARDS: f64 = 0.6;
 
 /// A stripe's centre on one line of an image.
 #[derive(Clone, Copy, Debug)]
@@ -110,7 +112,10 @@ pub(crate) fn judge(images: &[Image]) -> Vec<Verdicts> {
                 return Err("smeared");
             }
             seen.position_px -= shift;
-            seen.sigma_px = seen.sigma_px.hypot(UNSURE * shift);
+            let unsure = if d.outwards { UNSURE_OUTWARDS } else { UNSURE };
+            seen.sigma_px = seen.sigma_px.hypot(unsure * shift);
+        } else {
+            seen.sigma_px = seen.sigma_px.hypot(untold(images, n, &seen, reach, thickness));
         }
         Ok(seen)
     };
@@ -147,6 +152,21 @@ fn partial(images: &[Image], n: usize, seen: &Seen, reach: f32) -> bool {
     seen.flux() < PARTIAL * inside
 }
 
+/// How far the middle of the light may lie off where no derivatives tell, px: what a neighbouring image's light tells to first order, up to the sheet's own
+/// thickness, which an edge of brightness across it may move it by.
+fn untold(images: &[Image], n: usize, seen: &Seen, reach: f32, thickness: f64) -> f64 {
+    let beside = [n.checked_sub(1), n.checked_add(1)].into_iter().filter_map(|other| {
+        let image = images.get(other?)?;
+        let there = at(image, seen)?;
+        let way_px = (there.position_px - seen.position_px).abs();
+        let volts = (image.voltage_v - images[n].voltage_v).abs();
+        let growth = f64::from(there.flux() / seen.flux()).ln().abs() / volts;
+        let sheet_px = thickness.sqrt() * way_px / volts;
+        (way_px as f32 <= reach && volts > 0.0).then(|| sheet_px * (thickness.sqrt() * growth).min(1.0))
+    });
+    beside.fold(0.0, f64::max)
+}
+
 /// How centre and light change with the voltage.
 #[derive(Clone, Copy, Debug)]
 struct Derivatives {
@@ -156,48 +176,67 @@ struct Derivatives {
     second: f64,
     /// F′/F, 1/V.
     growth: f64,
+    /// From the images on one side alone.
+    outwards: bool,
 }
 
-/// The derivatives at each centre of an image, from the images before and after; `None` where the surface or its brightness
-/// breaks off.
+/// The derivatives at each centre of an image, from the images before and after, or from two on one side where the surface ends on the other, as at
+/// an object's outline; `None` where the surface or its brightness breaks off.
 fn derivatives(images: &[Image], n: usize, reach: f32) -> Vec<Option<Derivatives>> {
     let here = &images[n];
-    let neighbours = n.checked_sub(1).and_then(|before| Some((&images[before], images.get(n + 1)?)));
+    // An image so many further on, and its voltage from here.
+    let image = |by: isize| {
+        let other = images.get(n.checked_add_signed(by)?)?;
+        Some((other, other.voltage_v - here.voltage_v))
+    };
+    let [back2, back, on, on2] = [-2, -1, 1, 2].map(image);
     let one = |seen: &Seen| {
-        let (before, after) = neighbours?;
-        let (back, on) = (here.voltage_v - before.voltage_v, after.voltage_v - here.voltage_v);
-        if !(back > 0.0 && on > 0.0 && back.max(on) <= UNEVEN * back.min(on)) {
+        // Its voltage, centre and ln light from here, where the surface goes on to there.
+        let joined = |other: Option<(&Image, f64)>, from: &Seen| {
+            let (image, voltage_v) = other?;
+            let other = at(image, seen)?;
+            let step = (other.position_px - from.position_px).abs() as f32;
+            let even = f64::from(other.flux() / from.flux()).ln().abs() <= EDGE_STEP;
+            (step <= reach && even).then_some((voltage_v, *other))
+        };
+        let (a, b, outwards) = match (joined(back, seen), joined(on, seen)) {
+            (Some(a), Some(b)) => (a, b, false),
+            (Some(a), None) => (a, joined(back2, &a.1)?, true),
+            (None, Some(b)) => (b, joined(on2, &b.1)?, true),
+            (None, None) => return None,
+        };
+        // Steps from each of the three to the next.
+        let steps = if outwards { [a.0, b.0 - a.0] } else { [-a.0, b.0] }.map(f64::abs);
+        if !(steps[0] > 0.0 && steps[1] > 0.0 && steps[0].max(steps[1]) <= UNEVEN * steps[0].min(steps[1])) {
             return None;
         }
-        let joined = |other: &Seen| {
-            let step = (other.position_px - seen.position_px).abs() as f32;
-            let growth = f64::from(other.flux() / seen.flux()).ln();
-            (step <= reach && growth.abs() <= EDGE_STEP).then_some((other.position_px, growth))
+        // Newton's parabola through here and both.
+        let parabola = |of: fn(&Seen) -> f64| {
+            let [to_a, to_b] = [a, b].map(|(v, other)| (of(&other) - of(seen)) / v);
+            let second = (to_b - to_a) / (b.0 - a.0);
+            (to_a - second * a.0, 2.0 * second)
         };
-        let (a, b) = (joined(at(before, seen)?)?, joined(at(after, seen)?)?);
-        let (slope_back, slope_on) = ((seen.position_px - a.0) / back, (b.0 - seen.position_px) / on);
-        Some(Derivatives {
-            first: (b.0 - a.0) / (back + on),
-            second: 2.0 * (slope_on - slope_back) / (back + on),
-            growth: (b.1 - a.1) / (back + on),
-        })
+        let (first, second) = parabola(|s| s.position_px);
+        let (growth, _) = parabola(|s| f64::from(s.flux()).ln());
+        Some(Derivatives { first, second, growth, outwards })
     };
     here.seen.iter().map(one).collect()
 }
 
-/// Mean of the derivatives over neighbouring lines: a single one carries its own centre's noise, which would be fed back.
+/// Mean of the derivatives over neighbouring lines that tell them alike: a single one carries its own centre's noise, which would be fed back.
 fn smooth(image: &Image, derivatives: &[Option<Derivatives>], i: usize) -> Option<Derivatives> {
     let line = image.seen[i].line;
+    let own = derivatives[i]?;
     let near = i.saturating_sub(SMOOTH)..(i + SMOOTH + 1).min(derivatives.len());
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     for k in near.filter(|&k| image.seen[k].line.abs_diff(line) <= SMOOTH) {
-        if let Some(d) = derivatives[k] {
+        if let Some(d) = derivatives[k].filter(|d| d.outwards == own.outwards) {
             sum = [sum[0] + d.first, sum[1] + d.second, sum[2] + d.growth];
             count += 1.0;
         }
     }
-    derivatives[i].filter(|_| count >= LEAST_SMOOTH as f64)?;
-    Some(Derivatives { first: sum[0] / count, second: sum[1] / count, growth: sum[2] / count })
+    let [first, second, growth] = sum.map(|s| s / count);
+    (count >= LEAST_SMOOTH as f64).then_some(Derivatives { first, second, growth, ..own })
 }
 
 /// The sheet's variance in volts², from how the squares of the widths grow with u′²: the median slope between groups of equal u′
@@ -208,7 +247,7 @@ fn thickness_v2(images: &[Image], derivatives: &[Vec<Option<Derivatives>>]) -> O
         .zip(derivatives)
         .flat_map(|(image, all)| {
             (0..image.seen.len()).filter(|&i| slope(image, i).abs() <= LEVEL).filter_map(|i| {
-                let d = smooth(image, all, i)?;
+                let d = smooth(image, all, i).filter(|d| !d.outwards)?;
                 Some((d.first * d.first, f64::from(image.seen[i].width_px).powi(2)))
             })
         })
@@ -321,15 +360,25 @@ mod tests {
                 |line| seen(line, centre(v) + shift, variance.sqrt() as f32, 100.0 * (GROWTH * v).exp());
             Image { voltage_v: v, seen: (0..20).map(one).collect() }
         };
-        let images: Vec<Image> = (0..25).map(|n| stripe(0.04 * f64::from(n))).collect();
-        let verdicts = judge(&images);
-        for (image, verdicts) in images.iter().zip(&verdicts).skip(1).take(23) {
+        let mut images: Vec<Image> = (0..25).map(|n| stripe(0.04 * f64::from(n))).collect();
+        // The first and the last image too, beside which there is no other.
+        for (image, verdicts) in images.iter().zip(&judge(&images)) {
             for verdict in verdicts {
                 let truth = centre(image.voltage_v);
                 // The shift is 0.02 to 0.04 px; what is left is of third order.
                 assert!((verdict.expect("believed").position_px - truth).abs() < 1e-3);
             }
         }
+
+        // Where the light breaks off nothing tells the shift, and the sigma says so: with a tenth of the light in the image before, up to the
+        // sheet's thickness, 0.2 px and more.
+        let before = judge(&images)[20][7].expect("believed").sigma_px;
+        for seen in images[..20].iter_mut().flat_map(|image| &mut image.seen) {
+            seen.amplitude *= 0.1;
+        }
+        images.truncate(21);
+        let after = judge(&images)[20][7].expect("believed");
+        assert!(before < 0.04 && after.sigma_px > 0.2 && after.sigma_px < TAU_V * 30.0, "{after:?}");
     }
 
     #[test]

@@ -217,7 +217,7 @@ impl Search {
             let (Some(left), Some(right)) = (left.or(right), right.or(left)) else { continue };
             let around = 0.5 * (left + right);
             let contrast = box_mean - around;
-            if contrast <= 0.0 {
+            if !stands_out(box_mean, left, right) {
                 continue;
             }
             let level = around.max(0.0) + line.pedestal(centre);
@@ -226,7 +226,7 @@ impl Search {
             let outside = ((from - before) + (after - to)).max(1);
             let sigma = (variance * (1.0 / (to - from) as f64 + 1.0 / outside as f64)).sqrt();
             let snr = (contrast / sigma) as f32;
-            if snr > best[centre].snr && snr >= least_snr && box_mean - left.max(right) > 0.5 * contrast {
+            if snr > best[centre].snr && snr >= least_snr {
                 let flux = (contrast * (to - from) as f64) as f32;
                 if best[centre].snr <= 0.0 {
                     hits.push(centre);
@@ -235,6 +235,12 @@ impl Search {
             }
         }
     }
+}
+
+/// Whether the mean of a box stands out of those on both sides alike: a step of brightness answers on one side only.
+pub(crate) fn stands_out(middle: f64, left: f64, right: f64) -> bool {
+    let contrast = middle - 0.5 * (left + right);
+    contrast > 0.0 && middle - left.max(right) > 0.5 * contrast
 }
 
 /// Each block's highest value and those of the blocks beside it.

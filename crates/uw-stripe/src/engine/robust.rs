@@ -7,7 +7,7 @@ use super::window::GROUP;
 use super::{Buffers, Engine, Job, Model};
 use crate::lines::{Clip, Line};
 use crate::mle::{self, Common, Fit, Fitter, Seed, Source, WINDOW, WidthPrior};
-use crate::peak::{Candidate, Candidates};
+use crate::peak::{Candidate, Candidates, stands_out};
 use crate::profile::{Flags, Reject, Stripe};
 use crate::track::{Tracker, go_on};
 use crate::verdict::{self, LEAST_RUN, run_reach};
@@ -17,6 +17,8 @@ use std::ops::Range;
 
 /// Share of the taken peak's height from which another counts as a rival.
 const RIVAL_SHARE: f32 = 0.15;
+/// Length of the box, in widths, that best tells a stripe from what is beside it.
+const BOX_WIDTHS: f32 = 2.5;
 /// Prior sigma of ln width in the refinement: weak.
 const WIDTH_SIGMA: f64 = 0.35;
 
@@ -132,6 +134,7 @@ impl Engine {
         buffers: &mut Buffers<P>,
         stripe: &mut Stripe,
     ) {
+        self.drop_steps(&job, stripe);
         if buffers.front.places[1].at.iter().fold(false, |any, at| any | (*at != NOWHERE)) {
             self.second_say(job, buffers, stripe);
         }
@@ -182,6 +185,33 @@ impl Engine {
                     stripe.drop_line(line, Reject::NotConverged);
                 }
                 None => {}
+            }
+        }
+    }
+
+    /// Takes out what stands out of one side only: the filters answer to a step of brightness as well, if less than to a stripe of its height, and
+    /// then lack what their model lacks of one.
+    fn drop_steps<P: Pixel>(&self, job: &Job<'_, P>, stripe: &mut Stripe) {
+        let (first_line, first_pixel, length) = job.origin();
+        let lines = first_line..first_line + job.lines();
+        let any = stripe.flags[lines.clone()].iter().fold(Flags::NONE, |any, flags| any | *flags);
+        if any.without(Flags::EDGE) == any {
+            return;
+        }
+        let half = (0.5 * BOX_WIDTHS * self.model.width_px).round().max(1.0) as i64;
+        for line in lines {
+            let unclipped = stripe.flags[line].without(Flags::SATURATED) == stripe.flags[line];
+            if !(stripe.flags[line].contains(Flags::EDGE) && unclipped && stripe.reject[line].is_none()) {
+                continue;
+            }
+            let centre = stripe.position_px[line].round() as i64 - first_pixel as i64;
+            // The image's border is repeated beyond it, as for the filters.
+            let dn = |i: i64| f64::from(job.dn(line - first_line, i.clamp(0, length as i64 - 1) as usize));
+            let mean =
+                |middle: i64| (middle - half..=middle + half).map(dn).sum::<f64>() / (2 * half + 1) as f64;
+            let beside = 2 * half + 1;
+            if !stands_out(mean(centre), mean(centre - beside), mean(centre + beside)) {
+                stripe.drop_line(line, Reject::BelowThreshold);
             }
         }
     }
@@ -238,6 +268,7 @@ impl Engine {
     #[inline(never)]
     fn second_say<P: Pixel>(&mut self, job: Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
         let mut second = self.seconds::<P, true>(&job, buffers, stripe);
+        self.drop_steps(&job, &mut second);
         self.arbitrate(job, stripe, &mut second);
         self.second.stripe = second;
     }
@@ -294,7 +325,7 @@ impl Engine {
     fn arbitrate<P: Pixel>(&mut self, job: Job<'_, P>, stripe: &mut Stripe, second: &mut Stripe) {
         let (first_line, _, _) = job.origin();
         let lines = first_line..first_line + job.lines();
-        let scale = (2.5 * self.model.width_px).round().max(1.0) as usize;
+        let scale = (BOX_WIDTHS * self.model.width_px).round().max(1.0) as usize;
         let buffers = &mut self.second;
         buffers.candidates.clear();
         let mut rivals = false;

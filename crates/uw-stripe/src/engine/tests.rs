@@ -320,3 +320,51 @@ proptest! {
         prop_assert!((0..part.len()).all(|i| part.position_px[i].is_nan() == part.reject[i].is_some()));
     }
 }
+
+#[test]
+fn a_step_of_brightness_is_no_stripe_and_a_stripe_beside_one_is() {
+    /// DN on the lit side, and of the stripe above it.
+    const LIT: f64 = 14.0;
+    let scene = |height: f64| Scene {
+        size: (200, 96),
+        axis: Axis::PerRow,
+        width: 1.5,
+        height,
+        background: 0.0,
+        centre: 60.0,
+        slope: 0.2,
+        seed: 5,
+    };
+    for axis in AXES {
+        let found = |height: f64| {
+            let scene = scene(height);
+            let mut image = scene.image();
+            // Lit from eight pixels beyond the stripe on, along an oblique outline.
+            let mut random = StdRng::seed_from_u64(9);
+            let noise = Normal::new(LIT, 1.2).expect("a standard deviation above 0");
+            for (y, row) in image.chunks_mut(scene.size.0).enumerate() {
+                let from = scene.centre(y) + 8.0;
+                for (_, v) in row.iter_mut().enumerate().filter(|(x, _)| *x as f64 >= from) {
+                    *v = (f64::from(*v) + noise.sample(&mut random)).round().max(0.0) as u8;
+                }
+            }
+            let (width, height) = scene.size;
+            let turned: Vec<u8> =
+                (0..width).flat_map(|x| image.iter().skip(x).step_by(width).copied()).collect();
+            let (pixels, (width, height)) = match axis {
+                Axis::PerRow => (&image, (width, height)),
+                Axis::PerColumn => (&turned, (height, width)),
+            };
+            let view = View::packed(pixels, width, height).expect("all pixels");
+            let job = Job { image: view, roi: Roi { x: 0, y: 0, width, height }, axis, kind: Kind::Robust };
+            run(Level::new(), 1.5, job).position_px
+        };
+        assert!(found(0.0).iter().all(|p| p.is_nan()), "{axis:?}");
+        let off = found(80.0)
+            .iter()
+            .zip(0..)
+            .map(|(p, y)| f64::from(*p) - scene(80.0).centre(y))
+            .collect::<Vec<_>>();
+        assert!(off.iter().all(|d| d.abs() < 0.3), "{axis:?}: {off:?}");
+    }
+}
