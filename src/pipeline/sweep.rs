@@ -31,10 +31,11 @@ const SMOOTH: usize = 4;
 const LEAST_SMOOTH: usize = 5;
 /// Slope of the stripe up to which its width on a line is the lens's and the sheet's alone.
 const LEVEL: f32 = 0.3;
-/// Groups by u′ that the sheet's thickness is read from, members of a group, and the least ratio of u′² in the last to the first.
-const GROUPS: usize = 10;
-const LEAST_MEMBERS: usize = 20;
-const LEAST_SPREAD: f64 = 2.0;
+/// Images from one to the other of which widths are compared; the least change of u′² between them, as a share of it; and the most of that change from
+/// an image to the next, where a surface bends evenly and has no crease.
+const APART: usize = 3;
+const LEAST_CHANGE: f64 = 0.1;
+const EVENLY: f64 = 0.48;
 /// A shift beyond this share of the stripe's width is no longer second order: the measurement is taken out.
 const LIMIT_WIDTHS: f64 = 0.25;
 /// Standard deviation of a shift, as a share of it: what the second order and the thickness leave; and where images on one side alone tell it, which
@@ -97,7 +98,7 @@ pub(crate) fn judge(images: &[Image]) -> Vec<Verdicts> {
     let reach = STEP.0 * median(steps) + STEP.1;
     let derivatives: Vec<Vec<Option<Derivatives>>> =
         (0..images.len()).map(|n| derivatives(images, n, reach)).collect();
-    let thickness = thickness_v2(images, &derivatives).unwrap_or(0.0);
+    let thickness = thickness_v2(images, &derivatives, reach).unwrap_or(0.0);
     let verdict = |n: usize, i: usize| {
         let mut seen = images[n].seen[i];
         if square_width(&images[n], i) > SMEARED * width {
@@ -239,47 +240,68 @@ fn smooth(image: &Image, derivatives: &[Option<Derivatives>], i: usize) -> Optio
     (count >= LEAST_SMOOTH as f64).then_some(Derivatives { first, second, growth, ..own })
 }
 
-/// The sheet's variance in volts², from how the squares of the widths grow with u′²: the median slope between groups of equal u′
-/// (Theil 1950), each with its median. `None` where the surface's slant does not vary enough to tell.
-fn thickness_v2(images: &[Image], derivatives: &[Vec<Option<Derivatives>>]) -> Option<f64> {
-    let mut pairs: Vec<(f64, f64)> = images
+/// The sheet's variance in volts², from how the square of a stripe's width grows with u′² from one image to another a few further on, on the same
+/// line of the same surface, where distance and focus are nearly the same: the median of the slopes, each as heavy as u′² changes. `None` where too
+/// little of the sweep bends to tell it as well as [`UNSURE`] says.
+fn thickness_v2(images: &[Image], derivatives: &[Vec<Option<Derivatives>>], reach: f32) -> Option<f64> {
+    let told: Vec<Vec<Option<[f64; 2]>>> = images
         .iter()
         .zip(derivatives)
-        .flat_map(|(image, all)| {
-            (0..image.seen.len()).filter(|&i| slope(image, i).abs() <= LEVEL).filter_map(|i| {
-                let d = smooth(image, all, i).filter(|d| !d.outwards)?;
-                Some((d.first * d.first, f64::from(image.seen[i].width_px).powi(2)))
-            })
+        .map(|(image, all)| {
+            let one = |i: usize| {
+                let d = smooth(image, all, i).filter(|d| !d.outwards && slope(image, i).abs() <= LEVEL)?;
+                let near = &image.seen[i.saturating_sub(SMOOTH)..(i + SMOOTH + 1).min(image.seen.len())];
+                let near = near.iter().filter(|s| s.line.abs_diff(image.seen[i].line) <= SMOOTH);
+                let width = median(near.map(|s| s.width_px));
+                Some([d.first * d.first, f64::from(width * width)])
+            };
+            (0..image.seen.len()).map(one).collect()
         })
         .collect();
-    if pairs.len() < GROUPS * LEAST_MEMBERS {
-        return None;
+    let mut slopes: Vec<(f64, f64)> = Vec::new();
+    for (n, image) in images.iter().enumerate().take(images.len().saturating_sub(APART)) {
+        for (i, seen) in image.seen.iter().enumerate() {
+            let Some([x, y]) = told[n][i] else { continue };
+            // To the last image, with the largest change of u′² on the way from one to the next.
+            let there =
+                (n + 1..=n + APART).try_fold((seen, [x, y], 0.0f64), |(last, [x, _], most), other| {
+                    let k = index(&images[other], seen)?;
+                    let (next, [x_next, y_next]) = (&images[other].seen[k], told[other][k]?);
+                    let joined = (next.position_px - last.position_px).abs() as f32 <= reach;
+                    joined.then_some((next, [x_next, y_next], most.max((x_next - x).abs())))
+                });
+            let Some((_, [x_there, y_there], most)) = there else { continue };
+            let change = x_there - x;
+            if change.abs() >= LEAST_CHANGE * x.min(x_there) && most <= EVENLY * change.abs() && change != 0.0
+            {
+                slopes.push(((y_there - y) / change, change.abs()));
+            }
+        }
     }
-    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let middles: Vec<(f64, f64)> = pairs
-        .chunks(pairs.len().div_ceil(GROUPS))
-        .map(|group| {
-            let mut squares: Vec<f64> = group.iter().map(|p| p.1).collect();
-            let middle = group.len() / 2;
-            (group[middle].0, *squares.select_nth_unstable_by(middle, f64::total_cmp).1)
-        })
-        .collect();
-    let (first, last) = (middles.first()?.0, middles.last()?.0);
-    if last.is_nan() || last < LEAST_SPREAD * first {
-        return None;
-    }
-    let mut slopes: Vec<f64> = (0..middles.len())
-        .flat_map(|a| (a + 1..middles.len()).map(move |b| (a, b)))
-        .map(|(a, b)| (middles[b].1 - middles[a].1) / (middles[b].0 - middles[a].0))
-        .filter(|slope| slope.is_finite())
-        .collect();
-    let middle = slopes.len() / 2;
-    (!slopes.is_empty()).then(|| slopes.select_nth_unstable_by(middle, f64::total_cmp).1.max(0.0))
+    slopes.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let all = slopes.iter().map(|s| s.1).sum::<f64>();
+    let quantile = |share: f64| {
+        let mut below = 0.0;
+        let found = slopes.iter().find(|s| {
+            below += s.1;
+            below >= share * all
+        });
+        found.map(|s| s.0)
+    };
+    let [low, middle, high] = [quantile(0.25)?, quantile(0.5)?, quantile(0.75)?];
+    // Of a median of n normal values, whose quartiles are 1.35 sigmas apart; lines that are averaged together count as one.
+    let sigma = 1.25 * (high - low) / 1.35 / (slopes.len() as f64 / (2 * SMOOTH + 1) as f64).sqrt();
+    (sigma <= UNSURE * middle).then_some(middle)
 }
 
 /// What another image shows on the same line.
 fn at<'a>(image: &'a Image, seen: &Seen) -> Option<&'a Seen> {
-    image.seen.binary_search_by_key(&seen.line, |s| s.line).ok().map(|i| &image.seen[i])
+    index(image, seen).map(|i| &image.seen[i])
+}
+
+/// Where that is among what it shows.
+fn index(image: &Image, seen: &Seen) -> Option<usize> {
+    image.seen.binary_search_by_key(&seen.line, |s| s.line).ok()
 }
 
 /// Upper median; 0 of none.
@@ -367,6 +389,20 @@ mod tests {
                 let truth = centre(image.voltage_v);
                 // The shift is 0.02 to 0.04 px; what is left is of third order.
                 assert!((verdict.expect("believed").position_px - truth).abs() < 1e-3);
+            }
+        }
+
+        // Before a wall, many more lines of another distance, whose focus changes along it and whose slant hardly does.
+        let wall = |v: f64| {
+            let width = (1.2 + 0.4 * v + (TAU_V * 25.0).powi(2)).sqrt() as f32;
+            (40..200).map(move |line| seen(line, 100.0 + 25.0 * v - 0.1 * v * v, width, 100.0))
+        };
+        let mut before_a_wall = images.clone();
+        before_a_wall.iter_mut().for_each(|image| image.seen.extend(wall(image.voltage_v)));
+        for (image, verdicts) in images.iter().zip(&judge(&before_a_wall)) {
+            for verdict in &verdicts[..image.seen.len()] {
+                let off = verdict.expect("believed").position_px - centre(image.voltage_v);
+                assert!(off.abs() < 1e-3, "{off}");
             }
         }
 
