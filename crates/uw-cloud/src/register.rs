@@ -208,6 +208,7 @@ fn aligned(samples: &Samples, target: &Target<'_, '_>, start: Start) -> Registra
             };
             if again.rms.is_finite() && Judge::as_good(&judge.costs(&again.pose), &judge.costs(&fitted.pose))
             {
+                free = rivals::carried(&free, &fitted.pose, &again.pose, samples);
                 fitted = again;
                 covariance = fitted.covariance(radius);
             }
