@@ -4,7 +4,7 @@ use super::certainty::{bent, followed, form_inverse, patches};
 use super::pose::Pose;
 use super::refine::NOTHING_LEFT;
 use super::sample::{Match, Sample, Samples, TUKEY};
-use super::say::judge;
+use super::say::{WIDE, judge};
 use super::sweep::{Known, SweepSurface};
 use super::swing::Swing;
 use crate::error::RegisterError;
@@ -132,14 +132,15 @@ fn laid(
     };
     let mut matches: Vec<Match> = samples.points.iter().filter_map(of).collect();
     let (floor2, _) = judge(&mut matches, reach, f64::MIN_POSITIVE);
-    let on = matches.iter().map(|m| m.chance).sum::<f64>();
-    let squares = matches.iter().map(|m| m.chance * m.residual * m.residual).sum::<f64>();
+    // By distance, not by chance: a search that follows the likeliest of points without noise narrows down to nothing.
+    let on = matches.iter().map(|m| (m.residual * m.residual, m.variance));
+    let squares: Vec<f64> = on.filter(|(square, v)| *square < WIDE * WIDE * v).map(|on| on.0).collect();
     Pair {
         points: i,
         surface: j,
         floor2,
-        overlap: on / samples.points.len() as f64,
-        rms: (squares / on.max(f64::MIN_POSITIVE)).sqrt(),
+        overlap: squares.len() as f64 / samples.points.len() as f64,
+        rms: (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt(),
         matches,
     }
 }

@@ -13,7 +13,7 @@ use super::sample::Match;
 use crate::robust::{median, scale_about_zero};
 
 /// Tukey's constant of the wide weights: 99 % of a mean's efficiency.
-const WIDE: f64 = 7.041;
+pub(super) const WIDE: f64 = 7.041;
 /// Strays that more than half of all may not be: the scale is a median's.
 const MOST_STRAYS: f64 = 0.5;
 /// Rounds of expectation and maximisation, and the change of the strays' share that they end with, as a share of itself. A weight goes by its logarithm.
