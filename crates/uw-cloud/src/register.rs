@@ -1,6 +1,6 @@
 //! A cloud moved onto a mesh: rigid alignment in the metric of each point's covariance, and what of it is determined.
 //!
-//! Minimised is Σ ρ(r² / v) over the points p, with q the point of the mesh nearest to T p, n the surface's normal there, r = n·(T p − q) and
+//! Minimised is Σ ρ(r² / v) over the points p, ρ that of strays among them (`say`), with q the point of the mesh nearest to T p, n the surface's normal there, r = n·(T p − q) and
 //! v = nᵀ R C Rᵀ n + s² + f²: C the point's own covariance, s the mesh's sigma there and f what the residuals scatter by beyond both.
 //! That is generalised ICP (A. Segal, D. Haehnel, S. Thrun, RSS 2009) in the limit of flat surfaces. Points whose nearest point lies on a
 //! border of the mesh are beyond it and have no say.
@@ -9,7 +9,9 @@
 //! |---|---|---|
 //! | points | `sample` | which points have a say, their normals; what a point costs under a pose |
 //! | starts | `starts` | poses worth refining, from pairs of oriented points, where nothing is known of the pose |
+//! | say | `say` | which points are of the surface, and what weight they have |
 //! | refinement | `refine`, `certainty` | the pose of least squares beside a start, and its covariance |
+//! | steps | `swing` | how far steps go where they would go back and forth |
 //! | rough surfaces | `sweep`, `form` | what a point belongs to where it is laid onto another sweep; which way that faces and bends |
 //! | several sweeps | `joint` | all poses at once, for `merge` |
 //! | rivals | `rivals` | motions that nothing is lost along, and other poses that fit as well |
@@ -21,8 +23,10 @@ mod pose;
 mod refine;
 mod rivals;
 mod sample;
+mod say;
 mod starts;
 mod sweep;
+mod swing;
 
 use crate::cloud::PointCloud;
 use crate::error::RegisterError;
@@ -208,6 +212,7 @@ fn aligned(samples: &Samples, target: &Target<'_, '_>, start: Start) -> Registra
             };
             if again.rms.is_finite() && Judge::as_good(&judge.costs(&again.pose), &judge.costs(&fitted.pose))
             {
+                free = rivals::carried(&free, &fitted.pose, &again.pose, samples);
                 fitted = again;
                 covariance = fitted.covariance(radius);
             }

@@ -32,14 +32,9 @@ pub(super) fn followed(patches: usize, unknowns: usize) -> f64 {
 }
 
 /// Returns the mean slope of the influence over the mean weight: what reweighting hides of the curvature (P. Huber, Robust Statistics, 1981, section 7.6).
-pub(super) fn bent(matches: &[Match], floor2: f64) -> f64 {
-    let (mut weights, mut slopes) = (0.0, 0.0);
-    for m in matches {
-        let Some(weight) = m.weight(floor2) else { continue };
-        let ratio = m.ratio(floor2);
-        weights += weight;
-        slopes += (1.0 - ratio) * (1.0 - 5.0 * ratio) / (m.told + floor2);
-    }
+pub(super) fn bent(matches: &[Match]) -> f64 {
+    let (weights, slopes) =
+        matches.iter().fold((0.0, 0.0), |(weights, slopes), m| (weights + m.weight(), slopes + m.slope()));
     if weights > 0.0 { (slopes / weights).max(0.1) } else { 1.0 }
 }
 

@@ -4,10 +4,11 @@ use super::certainty::{bent, followed, form_inverse, patches};
 use super::pose::Pose;
 use super::refine::NOTHING_LEFT;
 use super::sample::{Match, Sample, Samples, TUKEY};
+use super::say::{WIDE, judge};
 use super::sweep::{Known, SweepSurface};
+use super::swing::Swing;
 use crate::error::RegisterError;
 use crate::merge::PairResidual;
-use crate::robust::{median, scale_about_zero};
 use nalgebra::{
     DMatrix, DVector, Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6,
 };
@@ -57,6 +58,7 @@ pub(crate) fn joint(
         .filter(|(i, j)| i != j)
         .collect();
     let chosen = denser(&both.iter().map(|&pair| laid(pair, &poses, reach)).collect::<Vec<_>>());
+    let (mut swing, mut last) = (Swing::new(), DVector::zeros(6 * (poses.len() - 1)));
     let mut settled = false;
     let mut pairs = Vec::new();
     for _ in 0..MAX_ROUNDS {
@@ -67,7 +69,11 @@ pub(crate) fn joint(
             matrix[(k, k)] += damping;
         }
         let Some(inverse) = matrix.try_inverse() else { break };
-        let step = -(inverse * &gradient);
+        let share = swing.share(gradient.dot(&last));
+        last = -(inverse * &gradient);
+        swing.begin(gradient.dot(&last));
+        let left = -gradient.dot(&last) * share * share;
+        let step = &last * share;
         for (k, pose) in poses.iter_mut().enumerate().skip(1) {
             let turn = Vector3::from_fn(|r, _| step[6 * (k - 1) + r]) / radius;
             let shift = Vector3::from_fn(|r, _| step[6 * (k - 1) + 3 + r]);
@@ -77,7 +83,7 @@ pub(crate) fn joint(
         }
         let noise = pairs.iter().filter(|p| p.overlap > 0.0).map(|p| p.rms).fold(0.0, f64::max);
         let next = (3.0 * TUKEY * noise).min(reach).max(0.5 * reach);
-        let rests = step.amax() < 1e-3 * noise + 1e-12 * radius || -gradient.dot(&step) < NOTHING_LEFT;
+        let rests = step.amax() < 1e-3 * noise + 1e-12 * radius || left < NOTHING_LEFT;
         settled = rests && next > 0.9 * reach;
         reach = next;
         if settled {
@@ -124,12 +130,11 @@ fn laid(
             (other.direction(&found.normal), found.normals.map(|normal| other.direction(&normal)));
         (found.facing > ALIKE).then_some(Match { arm, normal, normals, ..found })
     };
-    let matches: Vec<Match> = samples.points.iter().filter_map(of).collect();
-    let told = median(&mut matches.iter().map(|m| m.told).collect::<Vec<_>>());
-    let scatter = scale_about_zero(matches.iter().map(|m| m.residual));
-    let floor2 = (scatter * scatter - told).max(1e-6 * scatter * scatter).max(f64::MIN_POSITIVE);
-    let on = |m: &&Match| m.weight(floor2).is_some();
-    let squares: Vec<f64> = matches.iter().filter(on).map(|m| m.residual.powi(2)).collect();
+    let mut matches: Vec<Match> = samples.points.iter().filter_map(of).collect();
+    let (floor2, _) = judge(&mut matches, reach, f64::MIN_POSITIVE);
+    // By distance, not by chance: a search that follows the likeliest of points without noise narrows down to nothing.
+    let on = matches.iter().map(|m| (m.residual * m.residual, m.variance));
+    let squares: Vec<f64> = on.filter(|(square, v)| *square < WIDE * WIDE * v).map(|on| on.0).collect();
     Pair {
         points: i,
         surface: j,
@@ -141,11 +146,6 @@ fn laid(
 }
 
 impl Pair {
-    /// The matches that have a say, and their weights.
-    fn weighed(&self) -> impl Iterator<Item = (&Match, f64)> {
-        self.matches.iter().filter_map(|m| Some((m, m.weight(self.floor2)?)))
-    }
-
     /// The poses that a match has to do with, from where their unknowns begin, and its sign: the surface moves the other way, and the first sweep
     /// does not move.
     fn sides(&self) -> impl Iterator<Item = (usize, f64)> + Clone {
@@ -159,7 +159,7 @@ fn normal_equations(pairs: &[Pair], poses: usize, radius: f64) -> (DMatrix<f64>,
     let size = 6 * (poses - 1);
     let mut gradient = DVector::zeros(size);
     for pair in pairs {
-        let pulls = pair.weighed().map(|(m, weight)| m.row(radius) * (weight * m.residual));
+        let pulls = pair.matches.iter().map(|m| m.row(radius) * (m.weight() * m.residual));
         let pull: Vector6<f64> = pulls.sum();
         for (at, sign) in pair.sides() {
             let mut part = gradient.rows_mut(at, 6);
@@ -177,7 +177,7 @@ fn normal_equations(pairs: &[Pair], poses: usize, radius: f64) -> (DMatrix<f64>,
 fn information(pairs: &[Pair], poses: usize, of: impl Fn(&Match) -> Matrix6<f64>) -> DMatrix<f64> {
     let mut matrix = DMatrix::zeros(6 * (poses - 1), 6 * (poses - 1));
     for pair in pairs {
-        let own: Matrix6<f64> = pair.weighed().map(|(m, weight)| of(m) * weight).sum();
+        let own: Matrix6<f64> = pair.matches.iter().map(|m| of(m) * m.weight()).sum();
         for (at, sign_a) in pair.sides() {
             for (beside, sign_b) in pair.sides() {
                 let mut block = matrix.view_mut((at, beside), (6, 6));
@@ -193,8 +193,8 @@ fn covariance(pairs: &[Pair], poses: usize, radius: f64) -> Result<DMatrix<f64>,
     let size = 6 * (poses - 1);
     let mut weighed: Vec<(&Pair, &Match, f64)> = Vec::new();
     for pair in pairs {
-        let bent = bent(&pair.matches, pair.floor2);
-        weighed.extend(pair.weighed().map(|(m, weight)| (pair, m, weight / bent)));
+        let bent = bent(&pair.matches);
+        weighed.extend(pair.matches.iter().map(|m| (pair, m, m.weight() / bent)));
     }
     let places: Vec<Vector3<f64>> = weighed.iter().map(|(_, m, _)| m.arm).collect();
     let patches = patches(&places)?;

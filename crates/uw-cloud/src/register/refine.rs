@@ -2,8 +2,9 @@
 
 use super::certainty::{bent, followed, form_inverse, patch_size};
 use super::sample::{Match, Sample, TUKEY, Target};
+use super::say::judge;
 use super::sweep::Known;
-use crate::robust::{median, scale_about_zero};
+use super::swing::Swing;
 use nalgebra::{DMatrix, Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
 
 /// Normals of a point and of its place on the mesh that differ by more than 80° belong to different faces.
@@ -67,6 +68,7 @@ pub(super) fn refine(
         matches: Vec::new(),
     };
     let (mut reach, mut left_before) = (bounds.reach, 0.0);
+    let (mut swing, mut last) = (Swing::new(), Vector6::zeros());
     let keep = without(frozen);
     for round in 1..=bounds.rounds {
         let mut matches = std::mem::take(&mut fitted.matches);
@@ -78,21 +80,24 @@ pub(super) fn refine(
             fitted.rms = f64::INFINITY;
             return fitted;
         }
-        let told = median(&mut matches.iter().map(|m| m.told).collect::<Vec<_>>());
-        let scatter = scale_about_zero(matches.iter().map(|m| m.residual));
-        let floor2 = (scatter * scatter - told).max(0.0).max((ROUNDING * radius).powi(2));
+        let (floor2, told) = judge(&mut matches, reach, (ROUNDING * radius).powi(2));
         fitted.floor = floor2.sqrt();
-        let gradient = fitted.weigh(&matches, floor2, radius);
-        let (step, left) = damped_step(&(keep * fitted.information * keep), &(keep * gradient));
-        let mut step = step / bent(&matches, floor2).max(LEAST_BENT);
+        let gradient = keep * fitted.weigh(&matches, radius);
+        let share = swing.share(gradient.dot(&last));
+        let (step, left) = damped_step(&(keep * fitted.information * keep), &gradient);
+        let mut step = step / bent(&matches).max(LEAST_BENT);
         let longest = LONGEST_STEP * radius;
         if step.norm() > longest {
             step *= longest / step.norm();
         }
+        swing.begin(gradient.dot(&step));
+        last = step;
+        step *= share;
         fitted.pose = moved(&fitted.pose, &target.middle, radius, &step);
         // What is farther off than anything that has a say is looked for no more.
         let noise = (told + floor2).sqrt();
         let next = (FARTHEST * noise).min(reach);
+        let left = share * share * left;
         // The step leaves as little of it as the one before left.
         let shrunk = if round > 1 { (left / left_before).min(1.0) } else { 1.0 };
         let rests = step.norm() < SETTLED * noise + NO_STEP * radius || left * shrunk < NOTHING_LEFT;
@@ -108,26 +113,26 @@ pub(super) fn refine(
 }
 
 impl Fitted {
-    /// Takes the normal equations of some matches with Tukey's weights, and returns their gradient.
-    fn weigh(&mut self, matches: &[Match], floor2: f64, radius: f64) -> Vector6<f64> {
+    /// Takes the normal equations of some matches, and returns their gradient.
+    fn weigh(&mut self, matches: &[Match], radius: f64) -> Vector6<f64> {
         let (mut gradient, mut sum, mut count) = (Vector6::zeros(), 0.0, 0.0);
         self.information = Matrix6::zeros();
         for m in matches {
-            let Some(weight) = m.weight(floor2) else { continue };
+            let weight = m.weight();
             let row = m.row(radius);
             gradient += row * (weight * m.residual);
             self.information += row * row.transpose() * weight;
-            sum += m.residual * m.residual;
-            count += 1.0;
+            sum += m.chance * m.residual * m.residual;
+            count += m.chance;
         }
-        self.rms = (sum / f64::max(count, 1.0)).sqrt();
+        self.rms = (sum / count).sqrt();
         gradient
     }
 
     /// Returns the covariance of a small motion in the units of [`Fitted::information`], nil along motions that nothing is known of. What was near in the order of the
     /// points has to be near in space.
     pub(super) fn covariance(&self, radius: f64) -> Matrix6<f64> {
-        let (scatter, products) = certainty(&self.matches, self.floor * self.floor, radius);
+        let (scatter, products) = certainty(&self.matches, radius);
         let dynamic = |matrix: &Matrix6<f64>| DMatrix::from_column_slice(6, 6, matrix.as_slice());
         let inverse = form_inverse(&dynamic(&self.information), &dynamic(&products));
         let inverse = Matrix6::from_column_slice(inverse.as_slice());
@@ -147,16 +152,15 @@ pub(super) fn unknown_along(
 
 /// Returns the scatter of the gradient of some matches, from that of patches of them, and the information of their normals' products. What is near in their order
 /// is near in space.
-fn certainty(matches: &[Match], floor2: f64, radius: f64) -> (Matrix6<f64>, Matrix6<f64>) {
-    let weighed: Vec<(&Match, f64)> = matches.iter().filter_map(|m| Some((m, m.weight(floor2)?))).collect();
-    let patches = weighed.chunks(patch_size(weighed.len()));
-    let unbiased = followed(patches.len(), 6) / bent(matches, floor2).powi(2);
+fn certainty(matches: &[Match], radius: f64) -> (Matrix6<f64>, Matrix6<f64>) {
+    let patches = matches.chunks(patch_size(matches.len()));
+    let unbiased = followed(patches.len(), 6) / bent(matches).powi(2);
     let mut scatter = Matrix6::zeros();
     for patch in patches {
-        let sum: Vector6<f64> = patch.iter().map(|(m, w)| m.row(radius) * (w * m.residual)).sum();
+        let sum: Vector6<f64> = patch.iter().map(|m| m.row(radius) * (m.weight() * m.residual)).sum();
         scatter += sum * sum.transpose();
     }
-    let products = weighed.iter().map(|(m, weight)| m.product(radius) * *weight).sum();
+    let products = matches.iter().map(|m| m.product(radius) * m.weight()).sum();
     (scatter * unbiased, products)
 }
 

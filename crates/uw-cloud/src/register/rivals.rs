@@ -158,6 +158,29 @@ pub(super) fn rivals(
     found
 }
 
+/// Returns motions of what one pose has moved as ones of what another has: the same screws in space, about where that one brings the middle. Orthonormal, as they were.
+pub(super) fn carried(
+    motions: &[Vector6<f64>],
+    from: &Isometry3<f64>,
+    to: &Isometry3<f64>,
+    samples: &Samples,
+) -> Vec<Vector6<f64>> {
+    let middle = Point3::from(samples.middle);
+    let way = (to * middle - from * middle) / samples.radius;
+    let mut all: Vec<Vector6<f64>> = Vec::new();
+    for motion in motions {
+        let turn = motion.fixed_rows::<3>(0).into_owned();
+        let mut carried = *motion;
+        let mut shift = carried.fixed_rows_mut::<3>(3);
+        shift += turn.cross(&way);
+        for other in &all {
+            carried -= other * other.dot(&carried);
+        }
+        all.extend(carried.try_normalize(0.0));
+    }
+    all
+}
+
 /// The motion that leads from one pose to another along one screw: turn in units of the radius about where the second one brings the
 /// cloud's middle, and shift, both at the start.
 pub(super) fn motion(to: &Isometry3<f64>, from: &Isometry3<f64>, samples: &Samples) -> Vector6<f64> {

@@ -13,8 +13,6 @@ use nalgebra::{Isometry3, Matrix3, Matrix6, Vector3, Vector6};
 
 /// Tukey's constant: 95 % of a mean's efficiency with Gaussian noise, nothing from beyond it. What lies on a surface does not lie farther off.
 pub(super) const TUKEY: f64 = 4.685;
-/// Tukey's constant of the weights that a pose is estimated with: 99 %.
-const WEIGHED: f64 = 7.041;
 /// Points that a pose is estimated from; more don't make it better than what the instrument shares between them.
 const MOST_POINTS: usize = 50_000;
 /// Share of the points that the cloud's size is taken from: a few far astray don't make it large.
@@ -158,27 +156,32 @@ fn tree(cloud: &PointCloud) -> Result<Neighbours, RegisterError> {
 pub(super) struct Match {
     /// From the cloud's middle to the point, both moved.
     pub(super) arm: Vector3<f64>,
+    /// What a motion is told along.
     pub(super) normal: Vector3<f64>,
     /// The two surfaces' own normals; the same twice where one of them has no errors, or none is known.
     pub(super) normals: [Vector3<f64>; 2],
-    /// Along the normal, mm.
+    /// How far off the surface, mm.
     pub(super) residual: f64,
     /// Variance that the cloud and the mesh tell of, mm².
     pub(super) told: f64,
+    /// That and what residuals scatter by beyond it, mm², the chance that the point is of the surface, and what that times the residual changes by with it: as [`judge`](super::say::judge)
+    /// finds them among all matches.
+    pub(super) variance: f64,
+    pub(super) chance: f64,
+    pub(super) bent: f64,
     /// Cosine of the angle between the normals; 1 where the cloud's is not known.
     pub(super) facing: f64,
 }
 
 impl Match {
-    /// The residual squared, as a share of what has no say any more.
-    pub(super) fn ratio(&self, floor2: f64) -> f64 {
-        self.residual * self.residual / ((self.told + floor2) * WEIGHED * WEIGHED)
+    /// The chance of being of the surface over the variance, mm⁻².
+    pub(super) fn weight(&self) -> f64 {
+        self.chance / self.variance
     }
 
-    /// Tukey's weight over the variance, mm⁻², with the scatter beyond what is told; `None` of what has no say.
-    pub(super) fn weight(&self, floor2: f64) -> Option<f64> {
-        let ratio = self.ratio(floor2);
-        (ratio < 1.0).then(|| (1.0 - ratio).powi(2) / (self.told + floor2))
+    /// What the residual's pull on a pose, its weight times itself, changes by with it, mm⁻².
+    pub(super) fn slope(&self) -> f64 {
+        self.bent / self.variance
     }
 
     /// What the residual changes by with a small turn about the middle, in units of the radius, and a shift: the point moves by ω × arm + t.
@@ -273,6 +276,9 @@ impl<'a, 'm> Target<'a, 'm> {
             normals: [normal; 2],
             residual: normal.dot(&(moved - Vector3::from(near.point_mm))),
             told: sample.own.along(&pose.back(&normal)) + mesh_variance,
+            variance: 0.0,
+            chance: 0.0,
+            bent: 0.0,
             facing: sample.normal.map_or(1.0, |own| pose.direction(&own).dot(&normal)),
         })
     }

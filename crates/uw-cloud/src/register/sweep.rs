@@ -59,7 +59,8 @@ impl<'a> SweepSurface<'a> {
     ///
     /// Along the mean two points of one arc lie at no distance, wherever on it they are (S. Rusinkiewicz, ACM Trans. Graphics 38 (2019) 85): how far the
     /// two sweeps' points happen to lie apart on the surface does not matter. He takes the other normal from the point's own neighbours; here it is the one that the surface bends to,
-    /// so that both have it of the same neighbours. `known` is what was found before, of the same point moved by another pose, if anything.
+    /// so that both have it of the same neighbours. What a motion changes is told along the normal at the sweep's point alone: a point that stands out by its noise bends the surface about it, and along the
+    /// mean its error would come into what it is multiplied by. `known` is what was found before, of the same point moved by another pose, if anything.
     pub(super) fn matched(
         &self,
         sample: &Sample,
@@ -92,10 +93,13 @@ impl<'a> SweepSurface<'a> {
         let own = turned.map_or(normal, |own| own * facing.signum());
         (residual.abs() < reach).then(|| Match {
             arm: moved - pose.middle,
-            normal,
-            normals: [own, normal],
+            normal: form.normal,
+            normals: [own, form.normal],
             residual,
             told: sample.own.along(&pose.back(&normal)) + Own::of(self.cloud, nearest).along(&normal),
+            variance: 0.0,
+            chance: 0.0,
+            bent: 0.0,
             facing,
         })
     }
