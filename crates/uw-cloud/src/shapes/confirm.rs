@@ -7,6 +7,10 @@
 //!
 //! The same holds for what lies off it: less than half of its variance may be form, whether neighbours show it, which lie off alike
 //! (`Hunt::is_noise_about`), or a regression on what the relatives would show. More of a shape is thus told by more points, and nothing is claimed of a few.
+//!
+//! Form is no objection to a round shape that all of it is slight beside, and that ends where its points do: a calibration that rests on land
+//! poses bends a ball of 20 mm by 0.02 mm under water, which a quiet camera sees. What lies off is slight below a hundredth of what the points lie off a
+//! plane ([`is_slight`]). A piece of another smooth surface may be as slight, but goes on beyond what is claimed of it (`Hunt::goes_on`).
 
 use crate::cylinder::CylinderFit;
 use crate::plane::square_to;
@@ -26,18 +30,24 @@ const SIGMAS: f64 = 3.719;
 /// over its range, hardly more.
 const ROUGHER: f64 = 2.0;
 
+/// Share of what the points of a round shape lie off a plane below which what lies off the shape is slight. A piece of some other smooth surface, of radius
+/// R, that ends where it lies off by the tolerance t is mostly not: its third derivative leaves it 1.7 (R/t)^(1/3) times as far off a plane, 40 times where
+/// that is 1 m and 0.06 mm.
+const SLIGHT: f64 = 0.01;
+
 /// Points that are looked at.
 const LOOKED_AT: usize = 2000;
 
 /// Returns whether points, relative to the primitive's origin, confirm the fit.
 ///
-/// A radius below `resolved_mm`, as far as normals are averaged, is that of an edge.
+/// A radius below `resolved_mm`, as far as normals are averaged, is that of an edge. Where its form is `slight`, it is no objection.
 pub(super) fn confirmed(
     fit: &ShapeFit,
     primitive: &Primitive,
     points: &[Vector3<f64>],
     typical_mm: f64,
     resolved_mm: f64,
+    slight: bool,
 ) -> bool {
     let deviations = fit.deviations();
     let unexplained = deviations.floor_mm.unwrap_or(deviations.rms_mm).min(deviations.rms_mm);
@@ -51,7 +61,7 @@ pub(super) fn confirmed(
     };
     known
         && unexplained <= ROUGHER * typical_mm
-        && relatives_are_told_apart(primitive, points).unwrap_or(false)
+        && relatives_are_told_apart(primitive, points, slight).unwrap_or(false)
 }
 
 /// Returns whether a share of the deviations' variance that is form, as `samples` independent ones tell it, is below one half, surely. A squared
@@ -60,8 +70,20 @@ pub(super) fn is_mostly_noise(share: f64, samples: f64) -> bool {
     share + SIGMAS * (0.5 / samples.max(1.0)).sqrt() <= HALFWAY
 }
 
+/// Returns whether a round shape's deviations, form and all, are small beside what its points lie off their best plane.
+pub(super) fn is_slight(primitive: &Primitive, points: &[Vector3<f64>]) -> bool {
+    let count = points.len().max(1) as f64;
+    let off = points.iter().map(|p| primitive.distance(p).powi(2)).sum::<f64>() / count;
+    let middle = points.iter().sum::<Vector3<f64>>() / count;
+    let spread = points.iter().map(|p| (p - middle) * (p - middle).transpose()).sum::<Matrix3<f64>>() / count;
+    let round = !matches!(primitive, Primitive::Plane { .. });
+    round
+        && spread.iter().all(|s| s.is_finite())
+        && off <= SLIGHT * SLIGHT * spread.symmetric_eigenvalues().min()
+}
+
 /// Returns whether the relatives' figures are known to be small; `None` where the points determine none.
-fn relatives_are_told_apart(primitive: &Primitive, points: &[Vector3<f64>]) -> Option<bool> {
+fn relatives_are_told_apart(primitive: &Primitive, points: &[Vector3<f64>], slight: bool) -> Option<bool> {
     let chosen: Vec<&Vector3<f64>> = points.iter().step_by(points.len().div_ceil(LOOKED_AT).max(1)).collect();
     let middle = chosen.iter().copied().sum::<Vector3<f64>>() / chosen.len().max(1) as f64;
     let own = primitive.parameters();
@@ -95,7 +117,8 @@ fn relatives_are_told_apart(primitive: &Primitive, points: &[Vector3<f64>]) -> O
     // Exact points are told from nothing by their scatter: rounding is all there is.
     let exact = before.sqrt() <= 1e-9 * middle.norm().max(scales[own - 1]);
     let share = 1.0 - variance / (before / degrees(own));
-    Some(figures_small && (exact || is_mostly_noise(share, degrees(columns))))
+    let noise = exact || slight || is_mostly_noise(share, degrees(columns));
+    Some(figures_small && noise)
 }
 
 /// Returns what a step of each of the shape's own parameters and then of its relatives' figures does to a point's distance.

@@ -300,20 +300,26 @@ impl<'a> Hunt<'a> {
                 let primitive = Primitive::of(&fit, &self.origin);
                 let near: Vec<Vector3<f64>> =
                     points.iter().map(|&i| self.cloud.vector(i) - self.origin).collect();
+                let reach = field.reach(&candidate.members);
+                let slight = confirm::is_slight(&primitive, &near) && !self.goes_on(&primitive, points.len());
                 let sound = points.len() >= least
-                    && confirm::confirmed(
-                        &fit,
-                        &primitive,
-                        &near,
-                        self.roughness_mm,
-                        field.reach(&candidate.members),
-                    )
-                    && self.is_noise_about(&primitive, &points);
+                    && confirm::confirmed(&fit, &primitive, &near, self.roughness_mm, reach, slight)
+                    && (slight || self.is_noise_about(&primitive, &points));
                 Ok(sound.then_some(Shape { fit, points }))
             }
             Err(error @ (FitError::Cloud(_) | FitError::InvalidCovariance { .. })) => Err(error),
             Err(_) => Ok(None),
         }
+    }
+
+    /// Returns whether a surface goes on beyond what is claimed of it and bends away there: whether the points that nothing has claimed, and that lie
+    /// little further off it than is claimed, are more than a few beside the `claimed`.
+    fn goes_on(&self, primitive: &Primitive, claimed: usize) -> bool {
+        const FURTHER: f64 = 4.0;
+        const FEW: f64 = 0.1;
+        let reach = FURTHER * TOLERANCE * self.roughness_mm;
+        let near = |&&i: &&usize| primitive.distance(&(self.cloud.vector(i) - self.origin)).abs() <= reach;
+        self.remaining.iter().filter(near).count() as f64 > FEW * claimed as f64
     }
 
     /// Returns whether what lies off a surface is noise for the most part, rather than form: by how much neighbours among its points lie
