@@ -36,6 +36,8 @@ const LEVEL: f32 = 0.3;
 const APART: usize = 3;
 const LEAST_CHANGE: f64 = 0.1;
 const EVENLY: f64 = 0.48;
+/// Images, as independent as those [`APART`] are, that tell something.
+const LEAST_COUNT: f64 = 2.0;
 /// A shift beyond this share of the stripe's width is no longer second order: the measurement is taken out.
 const LIMIT_WIDTHS: f64 = 0.25;
 /// Standard deviation of a shift, as a share of it: what the second order and the thickness leave; and where images on one side alone tell it, which
@@ -258,8 +260,10 @@ fn thickness_v2(images: &[Image], derivatives: &[Vec<Option<Derivatives>>], reac
             (0..image.seen.len()).map(one).collect()
         })
         .collect();
-    let mut slopes: Vec<(f64, f64)> = Vec::new();
+    // Of each image by itself first: its lines share its focus and its speckle.
+    let mut medians: Vec<(f64, f64)> = Vec::new();
     for (n, image) in images.iter().enumerate().take(images.len().saturating_sub(APART)) {
+        let mut slopes: Vec<(f64, f64)> = Vec::new();
         for (i, seen) in image.seen.iter().enumerate() {
             let Some([x, y]) = told[n][i] else { continue };
             // To the last image, with the largest change of u′² on the way from one to the next.
@@ -277,21 +281,30 @@ fn thickness_v2(images: &[Image], derivatives: &[Vec<Option<Derivatives>>], reac
                 slopes.push(((y_there - y) / change, change.abs()));
             }
         }
+        let heavy = slopes.iter().map(|s| s.1).sum();
+        medians.extend(quantiles(&mut slopes, [0.5]).map(|[middle]| (middle, heavy)));
     }
-    slopes.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let all = slopes.iter().map(|s| s.1).sum::<f64>();
-    let quantile = |share: f64| {
+    let [low, middle, high] = quantiles(&mut medians, [0.25, 0.5, 0.75])?;
+    // As many as count, of which those near each other share images; quartiles of normal values are 1.35 sigmas apart.
+    let sum = medians.iter().map(|m| m.1).sum::<f64>();
+    let count = sum * sum / medians.iter().map(|m| m.1 * m.1).sum::<f64>() / APART as f64;
+    let sigma = 1.25 * (high - low) / 1.35 / count.sqrt();
+    (count >= LEAST_COUNT && sigma <= UNSURE * middle).then_some(middle)
+}
+
+/// Quantiles of values with weights; `None` of none.
+fn quantiles<const N: usize>(values: &mut [(f64, f64)], shares: [f64; N]) -> Option<[f64; N]> {
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let all = values.iter().map(|v| v.1).sum::<f64>();
+    let last = values.last()?.0;
+    Some(shares.map(|share| {
         let mut below = 0.0;
-        let found = slopes.iter().find(|s| {
-            below += s.1;
+        let found = values.iter().find(|v| {
+            below += v.1;
             below >= share * all
         });
-        found.map(|s| s.0)
-    };
-    let [low, middle, high] = [quantile(0.25)?, quantile(0.5)?, quantile(0.75)?];
-    // Of a median of n normal values, whose quartiles are 1.35 sigmas apart; lines that are averaged together count as one.
-    let sigma = 1.25 * (high - low) / 1.35 / (slopes.len() as f64 / (2 * SMOOTH + 1) as f64).sqrt();
-    (sigma <= UNSURE * middle).then_some(middle)
+        found.map_or(last, |v| v.0)
+    }))
 }
 
 /// What another image shows on the same line.

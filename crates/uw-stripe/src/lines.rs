@@ -1,6 +1,6 @@
 //! The image as lines along which the stripe is looked for, whatever its type, axis and background.
 
-use crate::lone::Lone;
+use crate::lone::{Lone, without_company};
 use crate::{Axis, Pixel, Roi, View};
 
 /// Whether a pixel shows its value or only a bound of it.
@@ -117,25 +117,27 @@ impl Lines {
         }
     }
 
-    /// Puts the mean of those beside it in place of every pixel that stands alone; false if none does.
-    pub fn clean(&mut self, lone: &Lone) -> bool {
+    /// Puts the mean of those beside it in place of every pixel that stands alone; gives the lines that have some.
+    pub fn clean(&mut self, lone: &Lone) -> Vec<usize> {
         let length = self.length.max(1);
-        let mut any = false;
-        for (value, clip) in self.value.chunks_exact_mut(length).zip(self.clip.chunks_exact_mut(length)) {
-            if !lone.may_be(value) {
-                continue;
-            }
-            let mut before = value[0];
-            for i in 1..length.saturating_sub(1) {
-                let (here, after) = (value[i], value[i + 1]);
-                if lone.is(before, here, after) {
-                    (value[i], clip[i]) = (0.5 * (before + after), Clip::No);
-                    any = true;
-                }
-                before = here;
+        let mut places = Vec::new();
+        for (l, value) in self.value.chunks_exact(length).enumerate().filter(|(_, value)| lone.may_be(value))
+        {
+            places.extend((1..length.saturating_sub(1)).map(|i| (l, i)).filter(|(_, i)| {
+                let beneath = self.pedestal.get(l * length + i).copied().unwrap_or(0.0);
+                lone.is([value[i - 1], value[*i], value[i + 1]], beneath)
+            }));
+        }
+        without_company(&mut places);
+        let mut lines: Vec<usize> = Vec::new();
+        for (l, i) in places {
+            let at = l * length + i;
+            (self.value[at], self.clip[at]) = (0.5 * (self.value[at - 1] + self.value[at + 1]), Clip::No);
+            if lines.last() != Some(&l) {
+                lines.push(l);
             }
         }
-        any
+        lines
     }
 }
 

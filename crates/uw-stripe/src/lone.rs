@@ -35,10 +35,11 @@ impl Lone {
         }
     }
 
-    /// Whether `here` is more, or less, than a stripe could make it between `before` and `after`, DN.
-    pub fn is(&self, before: f32, here: f32, after: f32) -> bool {
+    /// Whether the middle one of three grey values is more, or less, than a stripe could make it between the others, DN; `beneath` them light was taken off
+    /// that left its noise.
+    pub fn is(&self, [before, here, after]: [f32; 3], beneath: f32) -> bool {
         let (low, high) = (before.min(after), before.max(after));
-        let beyond = |level: f32| (self.dark + level.max(0.0) * self.shot).sqrt();
+        let beyond = |level: f32| (self.dark + (level.max(0.0) + beneath) * self.shot).sqrt();
         here - self.ratio * high.max(0.0) > beyond(high) || low - self.ratio * here.max(0.0) > beyond(low)
     }
 
@@ -55,5 +56,37 @@ impl Lone {
     /// Difference that any of them has, DN.
     pub fn least(&self) -> f32 {
         self.dark.sqrt()
+    }
+}
+
+/// Leaves of some pixels, line and place along it in order, those that have no company: what stands alone about there on the next line as well is a
+/// stripe, narrower than was thought.
+pub(crate) fn without_company(places: &mut Vec<(usize, usize)>) {
+    /// Pixels that a stripe moves from a line to the next.
+    const STEP: usize = 3;
+    let beside = |(line, at): (usize, usize), (other, there): (usize, usize)| {
+        line.abs_diff(other) == 1 && at.abs_diff(there) <= STEP
+    };
+    let close = |a: &(usize, usize), b: &(usize, usize)| a.0.abs_diff(b.0) <= 1;
+    let alone: Vec<bool> = (0..places.len())
+        .map(|i| {
+            let before = places[..i].iter().rev().take_while(|p| close(p, &places[i]));
+            let after = places[i + 1..].iter().take_while(|p| close(p, &places[i]));
+            !before.chain(after).any(|p| beside(places[i], *p))
+        })
+        .collect();
+    let mut alone = alone.iter();
+    places.retain(|_| alone.next().is_some_and(|a| *a));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_of_lone_pixels_is_a_stripe() {
+        let mut places = vec![(0, 50), (3, 20), (3, 80), (4, 21), (5, 60), (6, 23), (7, 25), (9, 26)];
+        without_company(&mut places);
+        assert_eq!(places, [(0, 50), (3, 80), (5, 60), (9, 26)]);
     }
 }

@@ -26,6 +26,8 @@ const CANDIDATE_SNR: f32 = 4.0;
 const FIRST_LOOK_SNR: f32 = 8.0;
 /// Narrowest believable width, px: a point through a perfect lens still covers the pixel it falls on.
 const NARROWEST_PX: f64 = 0.25;
+/// Narrowest width that a fit starts from, px: a window that holds but the stripe's own pixels tells no background.
+const NARROWEST_START_PX: f64 = 0.5;
 /// Largest sigma in widths: beyond it there is no telling a stripe from the background's texture.
 const LARGEST_SIGMA_IN_WIDTHS: f64 = 0.25;
 /// A run needs as many members as [`verdict::LEAST_RUN`] with this many times the least signal-to-noise ratio.
@@ -139,9 +141,14 @@ impl Precise {
             }
         };
         let known = self.known_width(width);
-        let cleaned = known.is_some_and(|width| self.lines.clean(&Lone::new(&noise, width)));
-        if cleaned || !found {
+        let cleaned = known.map(|width| self.lines.clean(&Lone::new(&noise, width))).unwrap_or_default();
+        if !found {
             self.find(&noise, CANDIDATE_SNR);
+        } else if !cleaned.is_empty() {
+            for line in cleaned {
+                self.candidates[line] = self.candidates_of(line, &noise, CANDIDATE_SNR);
+            }
+            self.tracker.choose(&self.candidates, &mut self.choice);
         }
         Ok((noise, width))
     }
@@ -175,14 +182,20 @@ impl Precise {
 
     /// Candidates of every line, and the choice among them.
     fn find(&mut self, noise: &NoiseModel, least_snr: f32) {
-        // A box of three widths holds most of a stripe.
-        let widest = (3.0 * self.options.max_width_px).ceil() as usize;
         self.candidates.clear();
         for i in 0..self.lines.count() {
-            let found = self.search.candidates(self.lines.line(i), noise, widest, least_snr);
-            self.candidates.push(found.gathered(self.grain_reach));
+            let found = self.candidates_of(i, noise, least_snr);
+            self.candidates.push(found);
         }
         self.tracker.choose(&self.candidates, &mut self.choice);
+    }
+
+    /// Candidates of a line.
+    fn candidates_of(&mut self, line: usize, noise: &NoiseModel, least_snr: f32) -> Candidates {
+        // A box of three widths holds most of a stripe.
+        let widest = (3.0 * self.options.max_width_px).ceil() as usize;
+        let found = self.search.candidates(self.lines.line(line), noise, widest, least_snr);
+        found.gathered(self.grain_reach)
     }
 
     /// Fits, judges and writes the result.
@@ -365,7 +378,7 @@ fn apart(window: Range<usize>, own: usize, others: impl Iterator<Item = usize>) 
 fn shape(line: Line<'_>, c: &Candidate, known: Option<f64>) -> Seed {
     let seed = |centre: f64, width: f64| Seed {
         centre,
-        width: known.unwrap_or(width),
+        width: known.map_or(width, |known| known.max(NARROWEST_START_PX)),
         flux: f64::from(c.flux.max(f32::MIN_POSITIVE)),
         background: f64::from(c.background),
     };
@@ -385,7 +398,7 @@ fn shape(line: Line<'_>, c: &Candidate, known: Option<f64>) -> Seed {
         return seed(c.centre as f64, 1.0);
     }
     let mean = first / sum;
-    let width = (second / sum - mean * mean - 1.0 / 12.0).max(0.25).sqrt();
+    let width = (second / sum - mean * mean - 1.0 / 12.0).max(0.0).sqrt().max(NARROWEST_START_PX);
     // A clipped plateau is flatter than the stripe below it.
     let width = if clipped > 0 { width.min(0.5 * clipped as f64 + 0.5) } else { width };
     seed(c.centre as f64 + mean, width)

@@ -69,9 +69,11 @@ pub(crate) fn joint(
             matrix[(k, k)] += damping;
         }
         let Some(inverse) = matrix.try_inverse() else { break };
-        let share = swing.share(gradient.dot(&last));
+        // Pulls are weighed by the noise, which falls while the search narrows down.
+        let noise = pairs.iter().filter(|p| p.overlap > 0.0).map(|p| p.rms).fold(0.0, f64::max);
+        let share = swing.share(gradient.dot(&last) * noise * noise);
         last = -(inverse * &gradient);
-        swing.begin(gradient.dot(&last));
+        swing.begin(gradient.dot(&last) * noise * noise);
         let left = -gradient.dot(&last) * share * share;
         let step = &last * share;
         for (k, pose) in poses.iter_mut().enumerate().skip(1) {
@@ -81,13 +83,17 @@ pub(crate) fn joint(
                 Translation3::from(middle + shift) * UnitQuaternion::new(turn) * Translation3::from(-middle);
             *pose = about * *pose;
         }
-        let noise = pairs.iter().filter(|p| p.overlap > 0.0).map(|p| p.rms).fold(0.0, f64::max);
         let next = (3.0 * TUKEY * noise).min(reach).max(0.5 * reach);
         let rests = step.amax() < 1e-3 * noise + 1e-12 * radius || left < NOTHING_LEFT;
-        settled = rests && next > 0.9 * reach;
+        let narrower = next <= 0.9 * reach;
+        settled = rests && !narrower;
         reach = next;
         if settled {
             break;
+        }
+        if narrower {
+            // Other points pull, and otherwise.
+            swing = Swing::new();
         }
     }
     let covariances = blocks(&covariance(&pairs, poses.len(), radius)?, radius);

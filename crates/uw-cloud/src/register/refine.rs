@@ -83,21 +83,21 @@ pub(super) fn refine(
         let (floor2, told) = judge(&mut matches, reach, (ROUNDING * radius).powi(2));
         fitted.floor = floor2.sqrt();
         let gradient = keep * fitted.weigh(&matches, radius);
-        let share = swing.share(gradient.dot(&last));
+        // Pulls are weighed by the noise, which falls while the search narrows down.
+        let noise2 = told + floor2;
+        let share = swing.share(gradient.dot(&last) * noise2);
         let (step, left) = damped_step(&(keep * fitted.information * keep), &gradient);
         let mut step = step / bent(&matches).max(LEAST_BENT);
         let longest = LONGEST_STEP * radius;
         if step.norm() > longest {
             step *= longest / step.norm();
         }
-        swing.begin(gradient.dot(&step));
+        swing.begin(gradient.dot(&step) * noise2);
         last = step;
-        step *= share;
-        fitted.pose = moved(&fitted.pose, &target.middle, radius, &step);
+        fitted.pose = moved(&fitted.pose, &target.middle, radius, &(share * step));
         // What is farther off than anything that has a say is looked for no more.
-        let noise = (told + floor2).sqrt();
+        let noise = noise2.sqrt();
         let next = (FARTHEST * noise).min(reach);
-        let left = share * share * left;
         // The step leaves as little of it as the one before left.
         let shrunk = if round > 1 { (left / left_before).min(1.0) } else { 1.0 };
         let rests = step.norm() < SETTLED * noise + NO_STEP * radius || left * shrunk < NOTHING_LEFT;

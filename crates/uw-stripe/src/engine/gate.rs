@@ -55,7 +55,7 @@ impl Engine {
         self.gate.age = if all { 0 } else { self.gate.age + 1 };
         self.gate.groups.resize(groups, None);
         if all {
-            self.region(&job, buffers, stripe);
+            self.region(&job, false, buffers, stripe);
             for group in 0..groups {
                 self.gate.groups[group] = extent(&job, group, stripe);
             }
@@ -77,11 +77,8 @@ impl Engine {
             let (mut around, mut now) = (last, None);
             for again in [false, true] {
                 let part = part(&job, group, around, tracking.reach_px);
-                if part.kind == Kind::Robust {
-                    self.region(&part, buffers, stripe);
-                } else {
-                    self.first::<P, false>(&part, around.is_some(), buffers, stripe);
-                }
+                let near = around.is_some() && part.kind != Kind::Robust;
+                self.region(&part, near, buffers, stripe);
                 now = extent(&job, group, stripe);
                 if again {
                     let (first, _, _) = part.origin();

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use fearless_simd::{Simd, dispatch};
 
+use super::fir::Estimates;
 use super::front::NOWHERE;
 use super::window::{GROUP, Group};
 use super::{Buffers, Engine, Job, Kind, classic};
@@ -59,6 +60,7 @@ impl Engine {
         let (first, count) = (lines.start, lines.len());
         let at = &mut front.places[rank].at[first..first + count];
         if at.iter().all(|a| *a == NOWHERE) {
+            self.estimates = Estimates::default();
             self.write::<P, EXTRA>(job, first, (rank, at), stripe);
             return;
         }

@@ -174,7 +174,7 @@ impl Engine {
         buffers.cleaned.reset();
         match tracking {
             Some(tracking) => self.tracked(job, tracking, buffers, stripe),
-            None => self.region(&job, buffers, stripe),
+            None => self.region(&job, false, buffers, stripe),
         }
         if job.kind == Kind::Robust {
             self.company(job, stripe);
@@ -182,40 +182,58 @@ impl Engine {
         }
     }
 
-    /// One region, by the kind of estimate asked for.
+    /// One region, by the kind of estimate asked for. `near`: there is nothing in the region but what lies around the stripe.
     #[inline(never)]
-    fn region<P: Pixel>(&mut self, job: &Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
-        self.look(job, buffers, stripe);
+    fn region<P: Pixel>(
+        &mut self,
+        job: &Job<'_, P>,
+        near: bool,
+        buffers: &mut Buffers<P>,
+        stripe: &mut Stripe,
+    ) {
+        self.look(job, near, buffers, stripe);
         // What others would make of the image is not ours to mend.
         if !self.suspect || !matches!(job.kind, Kind::Fast | Kind::Robust) {
-            return self.second_look(job, buffers, stripe);
+            return self.second_look(job, near, buffers, stripe);
         }
         let mut cleaned = std::mem::take(&mut buffers.cleaned);
         if let Some(image) = self.cleaned(job, &mut cleaned) {
             let job = &Job { image, ..*job };
-            self.look(job, buffers, stripe);
-            self.second_look(job, buffers, stripe);
+            self.look(job, near, buffers, stripe);
+            self.second_look(job, near, buffers, stripe);
         } else {
-            self.second_look(job, buffers, stripe);
+            self.second_look(job, near, buffers, stripe);
         }
         buffers.cleaned = cleaned;
     }
 
     /// Strongest candidates and estimates at them.
-    fn look<P: Pixel>(&mut self, job: &Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
+    fn look<P: Pixel>(
+        &mut self,
+        job: &Job<'_, P>,
+        near: bool,
+        buffers: &mut Buffers<P>,
+        stripe: &mut Stripe,
+    ) {
         self.suspect = false;
         if job.kind == Kind::Robust {
-            self.first::<P, true>(job, false, buffers, stripe);
+            self.first::<P, true>(job, near, buffers, stripe);
         } else {
-            self.first::<P, false>(job, false, buffers, stripe);
+            self.first::<P, false>(job, near, buffers, stripe);
         }
     }
 
     /// What else there may be.
-    fn second_look<P: Pixel>(&mut self, job: &Job<'_, P>, buffers: &mut Buffers<P>, stripe: &mut Stripe) {
+    fn second_look<P: Pixel>(
+        &mut self,
+        job: &Job<'_, P>,
+        near: bool,
+        buffers: &mut Buffers<P>,
+        stripe: &mut Stripe,
+    ) {
         if job.kind == Kind::Robust {
             self.robust(*job, buffers, stripe);
-        } else if self.alone(job, buffers, stripe) {
+        } else if !near && self.alone(job, buffers, stripe) {
             self.take(job, buffers, stripe);
         }
     }

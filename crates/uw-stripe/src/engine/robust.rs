@@ -205,13 +205,20 @@ impl Engine {
                 continue;
             }
             let centre = stripe.position_px[line].round() as i64 - first_pixel as i64;
-            // The image's border is repeated beyond it, as for the filters.
-            let dn = |i: i64| f64::from(job.dn(line - first_line, i.clamp(0, length as i64 - 1) as usize));
-            let mean =
-                |middle: i64| (middle - half..=middle + half).map(dn).sum::<f64>() / (2 * half + 1) as f64;
+            let dn = |i: i64| f64::from(job.dn(line - first_line, i as usize));
+            let mean = |middle: i64| {
+                let inside = middle >= half && middle + half < length as i64;
+                inside.then(|| (middle - half..=middle + half).map(dn).sum::<f64>() / (2 * half + 1) as f64)
+            };
             let beside = 2 * half + 1;
-            if !stands_out(mean(centre), mean(centre - beside), mean(centre + beside)) {
-                stripe.drop_line(line, Reject::BelowThreshold);
+            let (left, right) = (mean(centre - beside), mean(centre + beside));
+            // At the border the other side has to do.
+            let sides = (mean(centre), left.or(right), right.or(left));
+            if let (Some(middle), Some(left), Some(right)) = sides
+                && !stands_out(middle, left, right)
+            {
+                // Not as dark lines, among which others' stripes are looked for.
+                stripe.drop_line(line, Reject::Edge);
             }
         }
     }

@@ -4,14 +4,16 @@ use fearless_simd::{Simd, SimdBase, SimdInt, SimdMask, dispatch};
 
 use super::lanes::{splat, vector};
 use super::{Engine, Job};
-use crate::lone::Lone;
+use crate::lone::{Lone, without_company};
 use crate::{Axis, Pixel, View};
 
 /// A region without its lone pixels, in an image of its own; keeps its buffers.
 #[derive(Debug, Default)]
 pub(super) struct Cleaned<P> {
     pixels: Vec<P>,
+    /// Places in a row, and lone pixels by line and place along it.
     places: Vec<usize>,
+    found: Vec<(usize, usize)>,
     /// Width and height of the image, where all of the last one is here.
     whole: Option<(usize, usize)>,
 }
@@ -34,47 +36,67 @@ impl Engine {
     pub(super) fn cleaned<'a, P: Pixel>(
         &self,
         job: &Job<'_, P>,
-        Cleaned { pixels, places, whole }: &'a mut Cleaned<P>,
+        Cleaned { pixels, places, found, whole }: &'a mut Cleaned<P>,
     ) -> Option<View<'a, P>> {
         let lone = Lone::new(&self.model.noise, f64::from(self.model.width_px));
         let least = P::from_dn(lone.least());
         let (image, roi) = (&job.image, job.roi);
         let (width, height) = (image.width(), image.height());
-        let row = |y: usize| &image.row(roi.y + y)[roi.x..][..roi.width];
-        // By rows either way; the pixels beside one on its line are in the same row, or above and below.
-        let (rows, first) = match job.axis {
-            Axis::PerRow => (0..roi.height, 1),
-            Axis::PerColumn => (1..roi.height.saturating_sub(1), 0),
-        };
-        let mut any = false;
-        for y in rows {
-            let three = match job.axis {
-                Axis::PerRow if roi.width < 3 => return None,
-                Axis::PerRow => [&row(y)[..roi.width - 2], &row(y)[1..roi.width - 1], &row(y)[2..]],
-                Axis::PerColumn => [row(y - 1), row(y), row(y + 1)],
-            };
-            places.clear();
-            dispatch!(self.level, simd => apart(simd, three, least, places));
-            for &x in &*places {
-                let [before, here, after] = three.map(|row| row[x].dn());
-                if !lone.is(before, here, after) {
-                    continue;
-                }
-                if !any {
-                    pixels.resize(width * height, P::ZERO);
-                    for y in 0..roi.height {
-                        pixels[(roi.y + y) * width + roi.x..][..roi.width].copy_from_slice(row(y));
-                    }
-                    any = true;
-                }
-                pixels[(roi.y + y) * width + roi.x + first + x] = P::from_dn(0.5 * (before + after));
-            }
-        }
-        if !any {
+        found.clear();
+        dispatch!(self.level, simd => all_apart(simd, job, least, places, found));
+        found.retain(|&(line, at)| lone.is([at - 1, at, at + 1].map(|at| job.dn(line, at)), 0.0));
+        without_company(found);
+        if found.is_empty() {
             return None;
+        }
+        pixels.resize(width * height, P::ZERO);
+        for y in 0..roi.height {
+            let row = &image.row(roi.y + y)[roi.x..][..roi.width];
+            pixels[(roi.y + y) * width + roi.x..][..roi.width].copy_from_slice(row);
+        }
+        for &(line, at) in &*found {
+            let (x, y) = match job.axis {
+                Axis::PerRow => (at, line),
+                Axis::PerColumn => (line, at),
+            };
+            let mean = 0.5 * (job.dn(line, at - 1) + job.dn(line, at + 1));
+            pixels[(roi.y + y) * width + roi.x + x] = P::from_dn(mean);
         }
         *whole = (roi == image.bounds()).then_some((width, height));
         View::packed(pixels, width, height).ok()
+    }
+}
+
+/// Adds the pixels, by line and place along it, that are more than `least` above both beside them on their line, or below both; `places` is a buffer.
+#[inline(always)]
+fn all_apart<S: Simd, P: Pixel>(
+    simd: S,
+    job: &Job<'_, P>,
+    least: P,
+    places: &mut Vec<usize>,
+    found: &mut Vec<(usize, usize)>,
+) {
+    let roi = job.roi;
+    let row = |y: usize| &job.image.row(roi.y + y)[roi.x..][..roi.width];
+    match job.axis {
+        Axis::PerRow if roi.width < 3 => {}
+        Axis::PerRow => {
+            for y in 0..roi.height {
+                let row = row(y);
+                let three = [&row[..roi.width - 2], &row[1..roi.width - 1], &row[2..]];
+                places.clear();
+                apart(simd, three, least, places);
+                found.extend(places.iter().map(|x| (y, x + 1)));
+            }
+        }
+        Axis::PerColumn => {
+            for y in 1..roi.height.saturating_sub(1) {
+                places.clear();
+                apart(simd, [row(y - 1), row(y), row(y + 1)], least, places);
+                found.extend(places.iter().map(|x| (*x, y)));
+            }
+            found.sort_unstable();
+        }
     }
 }
 
@@ -115,32 +137,34 @@ mod tests {
     const NOISE: NoiseModel =
         NoiseModel { gain_e_per_dn: 40.0, read_noise_dn: 1.0, speckle_contrast: 0.0, full_scale_dn: 255.0 };
 
-    /// What cleaning makes of an image of one line, many times over; `None`: it is left alone.
-    fn cleaned(line: &[u8], axis: Axis) -> Option<Vec<u8>> {
+    /// What cleaning makes of one line of an image of stripes, with these grey values at these places on that line; `None`: it is left alone.
+    fn cleaned(stripe: &[u8], axis: Axis, spots: &[(usize, u8)]) -> Option<Vec<u8>> {
         const LINES: usize = 70;
+        const SPOTTED: usize = 33;
         let model =
             Model { noise: NOISE, width_px: 1.5, min_snr: 5.0, max_sigma_px: 1.0, max_width_px: 15.0 };
         let (width, height) = match axis {
-            Axis::PerRow => (line.len(), LINES),
-            Axis::PerColumn => (LINES, line.len()),
+            Axis::PerRow => (stripe.len(), LINES),
+            Axis::PerColumn => (LINES, stripe.len()),
         };
-        let pixels: Vec<u8> = match axis {
-            Axis::PerRow => line.repeat(LINES),
-            Axis::PerColumn => line.iter().flat_map(|v| [*v; LINES]).collect(),
+        let index = |line: usize, at: usize| match axis {
+            Axis::PerRow => line * width + at,
+            Axis::PerColumn => at * width + line,
         };
+        let mut pixels = vec![0; width * height];
+        for (line, at) in (0..LINES).flat_map(|l| (0..stripe.len()).map(move |at| (l, at))) {
+            pixels[index(line, at)] = stripe[at];
+        }
+        spots.iter().for_each(|(at, value)| pixels[index(SPOTTED, *at)] = *value);
         let image = View::packed(&pixels, width, height).expect("sized");
         let job = Job { image, roi: image.bounds(), axis, kind: super::super::Kind::Robust };
         let mut buffer = Cleaned::default();
         let engine = Engine::new(fearless_simd::Level::new(), model);
         let cleaned = engine.cleaned(&job, &mut buffer)?;
-        let line = |l: usize| -> Vec<u8> {
-            match axis {
-                Axis::PerRow => cleaned.row(l).to_vec(),
-                Axis::PerColumn => (0..height).map(|y| cleaned.row(y)[l]).collect(),
-            }
-        };
-        assert!((0..LINES).all(|l| line(l) == line(0)));
-        Some(line(0))
+        let all: Vec<u8> = (0..height).flat_map(|y| cleaned.row(y).to_vec()).collect();
+        spots.iter().for_each(|(at, _)| pixels[index(SPOTTED, *at)] = all[index(SPOTTED, *at)]);
+        assert_eq!(all, pixels, "others are left alone");
+        Some((0..stripe.len()).map(|at| all[index(SPOTTED, at)]).collect())
     }
 
     #[test]
@@ -151,23 +175,24 @@ mod tests {
                 let stripe: Vec<u8> = (0..length)
                     .map(|k| (4.0 + 200.0 * profile(f64::from(k), centre, width).0).round() as u8)
                     .collect();
-                assert_eq!(cleaned(&stripe, axis), None, "{width} px at {centre}");
+                assert_eq!(cleaned(&stripe, axis, &[]), None, "{width} px at {centre}");
                 for (at, value) in [(1, 90), (8, 200), (30, 255), (38, 90), (20, 0)] {
                     // Of two pixels and a dark one between them nobody can tell.
                     if value == 0 && width < 1.0 {
                         continue;
                     }
-                    let mut line = stripe.clone();
-                    line[at] = value;
-                    let found = cleaned(&line, axis).expect("a lone pixel");
-                    line[at] = found[at];
-                    assert_eq!(found, line, "others are left alone");
+                    let found = cleaned(&stripe, axis, &[(at, value)]).expect("a lone pixel");
                     assert_eq!(
                         found[at],
                         stripe[at - 1].midpoint(stripe[at + 1]),
                         "{value} at {at}, {width} px"
                     );
                 }
+                // Far narrower than usual, but there on the next line, too.
+                let narrow: Vec<u8> = (0..length)
+                    .map(|k| (4.0 + 200.0 * profile(f64::from(k), centre, 0.3).0).round() as u8)
+                    .collect();
+                assert_eq!(cleaned(&narrow, axis, &[]), None, "{centre}");
             }
         }
     }

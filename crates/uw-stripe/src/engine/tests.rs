@@ -368,3 +368,22 @@ fn a_step_of_brightness_is_no_stripe_and_a_stripe_beside_one_is() {
         assert!(off.iter().all(|d| d.abs() < 0.3), "{axis:?}: {off:?}");
     }
 }
+
+/// The box beside a stripe reaches beyond the image there, where nothing tells of a step.
+#[test]
+fn stripes_at_the_border_are_no_steps() {
+    for (axis, width) in AXES.into_iter().flat_map(|axis| [0.8, 1.5, 2.5].map(|w| (axis, w))) {
+        let size = match axis {
+            Axis::PerRow => (160, 96),
+            Axis::PerColumn => (96, 160),
+        };
+        let centre = 2.0 * width;
+        let scene = Scene { size, axis, width, height: 150.0, background: 5.0, centre, slope: 0.0, seed: 3 };
+        let image = scene.image();
+        let view = View::packed(&image, size.0, size.1).expect("all pixels");
+        let roi = Roi { x: 0, y: 0, width: size.0, height: size.1 };
+        let job = Job { image: view, roi, axis, kind: Kind::Robust };
+        let found = run(Level::new(), width as f32, job).position_px;
+        assert!(found.iter().all(|p| (f64::from(*p) - centre).abs() < 0.3), "{axis:?} {width}: {found:?}");
+    }
+}
