@@ -170,7 +170,7 @@ fn a_second_signal_leaves_at_once_with_the_laser_off() {
     let controller = Controller::start(Manner::Good);
     let mut scan = Scanning::calibrated(Some(&controller.port), "1.0", Some(&calibration()));
     // So many images that their cloud takes far longer than the second signal to come.
-    scan.recorded(40 << 20);
+    scan.recorded(160 << 20);
     scan.signal("INT");
     while controller.laser_is_on() {
         std::thread::sleep(Duration::from_millis(2));
