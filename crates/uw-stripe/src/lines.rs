@@ -1,6 +1,6 @@
 //! The image as lines along which the stripe is looked for, whatever its type, axis and background.
 
-use crate::lone::{Lone, without_company};
+use crate::lone::{Lone, without_runs};
 use crate::{Axis, Pixel, Roi, View};
 
 /// Whether a pixel shows its value or only a bound of it.
@@ -128,7 +128,7 @@ impl Lines {
                 lone.is([value[i - 1], value[*i], value[i + 1]], beneath)
             }));
         }
-        without_company(&mut places);
+        without_runs(&mut places);
         let mut lines: Vec<usize> = Vec::new();
         for (l, i) in places {
             let at = l * length + i;

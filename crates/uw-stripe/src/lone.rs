@@ -59,24 +59,27 @@ impl Lone {
     }
 }
 
-/// Leaves of some pixels, line and place along it in order, those that have no company: what stands alone about there on the next line as well is a
-/// stripe, narrower than was thought.
-pub(crate) fn without_company(places: &mut Vec<(usize, usize)>) {
-    /// Pixels that a stripe moves from a line to the next.
+/// Leaves of some pixels, line and place along it in order, those that are not of a run of three at least on lines that follow each other or the next but
+/// one: what stands alone there again and again is a stripe, narrower than was thought.
+pub(crate) fn without_runs(places: &mut Vec<(usize, usize)>) {
+    /// Lines to the next of a run, and pixels that a stripe moves a line.
+    const REACH: usize = 2;
     const STEP: usize = 3;
-    let beside = |(line, at): (usize, usize), (other, there): (usize, usize)| {
-        line.abs_diff(other) == 1 && at.abs_diff(there) <= STEP
+    let joins = |i: usize, j: usize| {
+        let lines = places[i].0.abs_diff(places[j].0);
+        (1..=REACH).contains(&lines) && places[i].1.abs_diff(places[j].1) <= STEP * lines
     };
-    let close = |a: &(usize, usize), b: &(usize, usize)| a.0.abs_diff(b.0) <= 1;
-    let alone: Vec<bool> = (0..places.len())
-        .map(|i| {
-            let before = places[..i].iter().rev().take_while(|p| close(p, &places[i]));
-            let after = places[i + 1..].iter().take_while(|p| close(p, &places[i]));
-            !before.chain(after).any(|p| beside(places[i], *p))
-        })
-        .collect();
-    let mut alone = alone.iter();
-    places.retain(|_| alone.next().is_some_and(|a| *a));
+    let near = |i: usize, j: &usize| places[i].0.abs_diff(places[*j].0) <= REACH;
+    let before = |i: usize| (0..i).rev().take_while(move |j| near(i, j)).find(move |j| joins(i, *j));
+    let after = |i: usize| (i + 1..places.len()).take_while(move |j| near(i, j)).find(move |j| joins(i, *j));
+    let mut run = vec![false; places.len()];
+    for i in 0..places.len() {
+        if let (Some(before), Some(after)) = (before(i), after(i)) {
+            [before, i, after].into_iter().for_each(|k| run[k] = true);
+        }
+    }
+    let mut run = run.iter();
+    places.retain(|_| run.next().is_some_and(|r| !*r));
 }
 
 #[cfg(test)]
@@ -85,8 +88,10 @@ mod tests {
 
     #[test]
     fn a_run_of_lone_pixels_is_a_stripe() {
-        let mut places = vec![(0, 50), (3, 20), (3, 80), (4, 21), (5, 60), (6, 23), (7, 25), (9, 26)];
-        without_company(&mut places);
-        assert_eq!(places, [(0, 50), (3, 80), (5, 60), (9, 26)]);
+        let mut places =
+            vec![(0, 50), (1, 52), (3, 20), (3, 80), (4, 21), (5, 60), (5, 23), (6, 25), (9, 26)];
+        places.sort_unstable();
+        without_runs(&mut places);
+        assert_eq!(places, [(0, 50), (1, 52), (3, 80), (5, 60), (9, 26)]);
     }
 }

@@ -4,7 +4,7 @@ use fearless_simd::{Simd, SimdBase, SimdInt, SimdMask, dispatch};
 
 use super::lanes::{splat, vector};
 use super::{Engine, Job};
-use crate::lone::{Lone, without_company};
+use crate::lone::{Lone, without_runs};
 use crate::{Axis, Pixel, View};
 
 /// A region without its lone pixels, in an image of its own; keeps its buffers.
@@ -45,7 +45,7 @@ impl Engine {
         found.clear();
         dispatch!(self.level, simd => all_apart(simd, job, least, places, found));
         found.retain(|&(line, at)| lone.is([at - 1, at, at + 1].map(|at| job.dn(line, at)), 0.0));
-        without_company(found);
+        without_runs(found);
         if found.is_empty() {
             return None;
         }
@@ -114,7 +114,9 @@ fn apart<S: Simd, P: Pixel>(simd: S, [before, here, after]: [&[P]; 3], least: P,
     let least = splat(simd, least);
     for from in (0..length).step_by(P::N) {
         let at = from.min(length - P::N);
-        let [before, here, after] = [before, here, after].map(|row| vector(simd, &row[at..at + P::N]));
+        let before = vector(simd, &before[at..at + P::N]);
+        let here = vector(simd, &here[at..at + P::N]);
+        let after = vector(simd, &after[at..at + P::N]);
         let (low, high) = (before.min(after), before.max(after));
         let far = here.saturating_sub(high).max(low.saturating_sub(here));
         let mut lanes = far.simd_gt(least).to_bitmask() >> (from - at);
