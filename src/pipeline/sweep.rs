@@ -243,7 +243,7 @@ fn smooth(image: &Image, derivatives: &[Option<Derivatives>], i: usize) -> Optio
 }
 
 /// The sheet's variance in volts², from how the square of a stripe's width grows with u′² from one image to another a few further on, on the same
-/// line of the same surface, where distance and focus are nearly the same: the median of the slopes, each as heavy as u′² changes. `None` where too
+/// line of the same surface, where distance and focus are nearly the same: the median of what images say, each the median of its lines' slopes, as heavy as u′² changes. `None` where too
 /// little of the sweep bends to tell it as well as [`UNSURE`] says.
 fn thickness_v2(images: &[Image], derivatives: &[Vec<Option<Derivatives>>], reach: f32) -> Option<f64> {
     let told: Vec<Vec<Option<[f64; 2]>>> = images

@@ -4,7 +4,7 @@
 //! it, and none leaves one so dark between them.
 
 use crate::NoiseModel;
-use crate::special::normal;
+use crate::engine::fir::profile;
 
 /// Sigmas of a grey value by which a pixel must stand alone: twice in a million by noise.
 const SIGMAS: f32 = 5.0;
@@ -25,11 +25,9 @@ impl Lone {
     /// For a stripe of this width, px, in that noise.
     pub fn new(noise: &NoiseModel, width_px: f64) -> Self {
         let width = NARROWEST * width_px;
-        // Light of a pixel on which a stripe is centred, and of the next one.
-        let inner = normal(0.5 / width).1;
-        let outer = normal(1.5 / width).1;
         Self {
-            ratio: ((2.0 * inner - 1.0) / (outer - inner)) as f32,
+            // Of a stripe centred on a pixel to the next one.
+            ratio: (profile(0.0, 0.0, width).0 / profile(1.0, 0.0, width).0) as f32,
             dark: SIGMAS * SIGMAS * noise.variance(0.0, 0.0) as f32,
             shot: SIGMAS * SIGMAS / noise.gain_e_per_dn,
         }

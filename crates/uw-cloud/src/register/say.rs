@@ -44,7 +44,9 @@ pub(super) fn judge(matches: &mut [Match], reach: f64, least: f64) -> (f64, f64)
     for m in matches {
         let own = (1.0 - strays) * m.chance;
         m.chance = own / (own + strays).max(f64::MIN_POSITIVE);
-        m.bent = m.chance * (1.0 - (1.0 - m.chance) * m.residual * m.residual / m.variance);
+        // Of points without noise a stray is so many sigmas off that nought times infinity would be asked.
+        let slope = 1.0 - (1.0 - m.chance) * m.residual * m.residual / m.variance;
+        m.bent = if m.chance > 0.0 { m.chance * slope } else { 0.0 };
     }
     (floor2, told)
 }
@@ -119,6 +121,16 @@ mod tests {
             let far = mixed.iter().filter(|m| m.residual.abs() > 5.0 * NOISE_MM).map(|m| m.chance);
             assert!(far.fold(0.0, f64::max) < 0.05, "one in {every}");
         }
+    }
+
+    #[test]
+    fn strays_among_points_without_noise_have_no_say() {
+        let mut exact = matches(POINTS + 1);
+        exact.iter_mut().for_each(|m| m.residual = 0.0);
+        exact[3].residual = 3.0;
+        judge(&mut exact, 5.0, f64::MIN_POSITIVE);
+        assert!(exact.iter().all(|m| m.chance.is_finite() && m.bent.is_finite()));
+        assert!(exact[3].chance.abs() + exact[3].bent.abs() < f64::EPSILON);
     }
 
     #[test]

@@ -74,12 +74,17 @@ pub(super) fn is_mostly_noise(share: f64, samples: f64) -> bool {
 pub(super) fn is_slight(primitive: &Primitive, points: &[Vector3<f64>]) -> bool {
     let count = points.len().max(1) as f64;
     let off = points.iter().map(|p| primitive.distance(p).powi(2)).sum::<f64>() / count;
-    let middle = points.iter().sum::<Vector3<f64>>() / count;
-    let spread = points.iter().map(|p| (p - middle) * (p - middle).transpose()).sum::<Matrix3<f64>>() / count;
+    let spread = spread(points) / count;
     let round = !matches!(primitive, Primitive::Plane { .. });
     round
         && spread.iter().all(|s| s.is_finite())
         && off <= SLIGHT * SLIGHT * spread.symmetric_eigenvalues().min()
+}
+
+/// Returns the sum of squares and products of what some vectors lie off their mean.
+fn spread(vectors: &[Vector3<f64>]) -> Matrix3<f64> {
+    let mean = vectors.iter().sum::<Vector3<f64>>() / vectors.len().max(1) as f64;
+    vectors.iter().map(|v| (v - mean) * (v - mean).transpose()).sum()
 }
 
 /// Returns whether the relatives' figures are known to be small; `None` where the points determine none.
@@ -167,8 +172,7 @@ struct Band {
 fn band(primitive: &Primitive, points: &[&Vector3<f64>]) -> Band {
     let Primitive::Sphere { center, .. } = primitive else { return Band { axis: Vector3::z(), angle: 0.0 } };
     let normals: Vec<Vector3<f64>> = points.iter().map(|p| (*p - center) / (*p - center).norm()).collect();
-    let mean = normals.iter().sum::<Vector3<f64>>() / normals.len().max(1) as f64;
-    let spread = normals.iter().map(|n| (n - mean) * (n - mean).transpose()).sum::<Matrix3<f64>>();
+    let spread = spread(&normals);
     let axis = if spread.iter().all(|s| s.is_finite()) {
         let eigen = spread.symmetric_eigen();
         eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned()

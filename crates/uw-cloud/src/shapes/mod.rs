@@ -312,13 +312,18 @@ impl<'a> Hunt<'a> {
         }
     }
 
+    /// Returns how far off a surface a point of the cloud lies, mm.
+    fn off(&self, primitive: &Primitive, i: usize) -> f64 {
+        primitive.distance(&(self.cloud.vector(i) - self.origin))
+    }
+
     /// Returns whether a surface goes on beyond what is claimed of it and bends away there: whether the points that nothing has claimed, and that lie
     /// little further off it than is claimed, are more than a few beside the `claimed`.
     fn goes_on(&self, primitive: &Primitive, claimed: usize) -> bool {
         const FURTHER: f64 = 4.0;
         const FEW: f64 = 0.1;
         let reach = FURTHER * TOLERANCE * self.roughness_mm;
-        let near = |&&i: &&usize| primitive.distance(&(self.cloud.vector(i) - self.origin)).abs() <= reach;
+        let near = |&&i: &&usize| self.off(primitive, i).abs() <= reach;
         self.remaining.iter().filter(near).count() as f64 > FEW * claimed as f64
     }
 
@@ -327,7 +332,7 @@ impl<'a> Hunt<'a> {
     ///
     /// Neighbours on one stripe share errors, so that those on others are asked where the cloud tells.
     fn is_noise_about(&self, primitive: &Primitive, points: &[usize]) -> bool {
-        let off = |i: usize| primitive.distance(&(self.cloud.vector(i) - self.origin));
+        let off = |i: usize| self.off(primitive, i);
         let rows = self.cloud.frame_rows();
         let (mut products, mut pairs) = (0.0, 0.0_f64);
         let (mut squares, mut count) = (0.0, 0.0_f64);
@@ -381,7 +386,7 @@ impl<'a> Hunt<'a> {
         const MOST: f64 = 0.8;
         let primitive = Primitive::of(&other.fit, &self.origin);
         let reach = 2.0 * TOLERANCE * self.roughness_mm.max(other.fit.deviations().rms_mm);
-        let near = |&&i: &&usize| primitive.distance(&(self.cloud.vector(i) - self.origin)).abs() <= reach;
+        let near = |&&i: &&usize| self.off(&primitive, i).abs() <= reach;
         shape.fit.kind() == other.fit.kind()
             && shape.points.iter().filter(near).count() as f64 >= MOST * shape.points.len() as f64
     }

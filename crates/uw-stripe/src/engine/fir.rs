@@ -129,7 +129,7 @@ impl Default for Estimates {
 }
 
 /// A stripe of height 1 and width `w` centred on `c` at pixel k, and its derivative by c: integrated over the pixel.
-pub(super) fn profile(k: f64, c: f64, w: f64) -> (f64, f64) {
+pub(crate) fn profile(k: f64, c: f64, w: f64) -> (f64, f64) {
     let ((low_density, low), (high_density, high)) = (normal((k - 0.5 - c) / w), normal((k + 0.5 - c) / w));
     let unit = (2.0 * std::f64::consts::PI).sqrt();
     (unit * w * (high - low), -unit * (high_density - low_density))

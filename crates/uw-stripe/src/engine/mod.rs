@@ -197,13 +197,12 @@ impl Engine {
             return self.second_look(job, near, buffers, stripe);
         }
         let mut cleaned = std::mem::take(&mut buffers.cleaned);
-        if let Some(image) = self.cleaned(job, &mut cleaned) {
-            let job = &Job { image, ..*job };
-            self.look(job, near, buffers, stripe);
-            self.second_look(job, near, buffers, stripe);
-        } else {
-            self.second_look(job, near, buffers, stripe);
+        let mut job = *job;
+        if let Some(image) = self.cleaned(&job, &mut cleaned) {
+            job.image = image;
+            self.look(&job, near, buffers, stripe);
         }
+        self.second_look(&job, near, buffers, stripe);
         buffers.cleaned = cleaned;
     }
 

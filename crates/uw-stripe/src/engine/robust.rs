@@ -200,8 +200,9 @@ impl Engine {
         }
         let half = (0.5 * BOX_WIDTHS * self.model.width_px).round().max(1.0) as i64;
         for line in lines {
-            let unclipped = stripe.flags[line].without(Flags::SATURATED) == stripe.flags[line];
-            if !(stripe.flags[line].contains(Flags::EDGE) && unclipped && stripe.reject[line].is_none()) {
+            let flags = stripe.flags[line];
+            let clipped = flags.contains(Flags::SATURATED);
+            if !flags.contains(Flags::EDGE) || clipped || stripe.reject[line].is_some() {
                 continue;
             }
             let centre = stripe.position_px[line].round() as i64 - first_pixel as i64;
