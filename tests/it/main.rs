@@ -6,4 +6,5 @@ mod photographs;
 mod real_scan;
 mod scan;
 mod shared_errors;
+mod simulated_calibration;
 mod simulated_corners;

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use std::f64::consts::FRAC_PI_4;
 use uw_geom::{Camera, Distortion, Fan, Galvo, Medium, Port, Scanner, galvo_frame};
 use uw_io::scene::SceneFile;
-use uw_io::{CalibrationFile, Priors, Rig};
+use uw_io::{Priors, Rig};
 use uw_sim::{Beam, Draws, Instrument, Lens, Sensor};
 
 /// Where the parts are that a rig file does not place, camera frame.
@@ -46,11 +46,11 @@ fn fault(error: impl Into<uw_sim::SimError>) -> Error {
 /// An apex of unknown distance stands here, mm.
 const APEX_MM: f64 = 90.0;
 
-/// The true instrument as drawn, or as `seed` draws it from the rig's priors; and by how much the water's index is off its nominal one.
+/// The true instrument as drawn, or as `seed` draws it from the rig's priors.
 ///
 /// # Errors
 /// [`Error::Simulation`] for a placement that no instrument has.
-pub(crate) fn drawn(rig: &Rig, place: &Placement, seed: Option<u64>) -> Result<(Scanner, f64), Error> {
+pub(crate) fn drawn(rig: &Rig, place: &Placement, seed: Option<u64>) -> Result<uw_calib::Instrument, Error> {
     let mut d = Draws::new(seed);
     let p = &rig.priors;
     let c = &rig.camera;
@@ -91,7 +91,7 @@ pub(crate) fn drawn(rig: &Rig, place: &Placement, seed: Option<u64>) -> Result<(
     };
     let laser_port = window(&mut d, &rig.laser.port, p.laser_port_distance_mm, p)?;
     let scanner = Scanner { camera, camera_port, galvo, fan, laser_port };
-    Ok((scanner, d.next(p.water_index)))
+    Ok(uw_calib::Instrument { scanner, water_offset: d.next(p.water_index), dispersion_offset: 0.0 })
 }
 
 /// The whole instrument: geometry, and the scene file's light, lens and sensor.
@@ -138,9 +138,4 @@ pub(crate) fn instrument(
     };
     instrument.check().map_err(Error::Simulation)?;
     Ok(instrument)
-}
-
-/// The scanner of a calibration file.
-pub(crate) fn calibrated(file: &CalibrationFile) -> Scanner {
-    *file.calibration.scanner()
 }

@@ -1,7 +1,7 @@
 //! What a scene file asks for, worked out: instrument, scenes, shots.
 
 use crate::Error;
-use crate::pipeline::simulate::instrument::{Placement, calibrated, drawn, instrument};
+use crate::pipeline::simulate::instrument::{Placement, drawn, instrument};
 use crate::pipeline::simulate::things::{board, objects};
 use nalgebra::Vector3;
 use std::path::Path;
@@ -86,13 +86,13 @@ impl Plan {
             }
             _ => None,
         };
-        let (scanner, index_off) = match (calibration, &place) {
-            (Some(calibration), _) => (calibrated(calibration), 0.0),
+        let truth = match (calibration, &place) {
+            (Some(file), _) => file.calibration.instrument,
             (None, Some(place)) => drawn(&rig, place, i.differs_by_seed)?,
             (None, None) => unreachable_instrument()?,
         };
-        let instrument = instrument(scanner, &rig, place.as_ref().map(|p| &p.beam), &file)?;
-        let water = water(&file, &rig, index_off)?;
+        let instrument = instrument(truth.scanner, &rig, place.as_ref().map(|p| &p.beam), &file)?;
+        let water = water(&file, &rig, &truth)?;
         let scenes = scenes(&file, water, folder, problems)?;
         scenes.iter().try_for_each(Scene::check).map_err(Error::Simulation)?;
         let frames = frames(&file);
@@ -118,7 +118,8 @@ fn unreachable_instrument<T>() -> Result<T, Error> {
     Err(Error::Simulation(uw_sim::SimError::Invalid { what, needed: "given", got: f64::NAN }))
 }
 
-fn water(file: &SceneFile, rig: &Rig, index_off: f64) -> Result<Water, Error> {
+/// The scene's water: the rig's nominal one, and what the instrument's truth adds to its index.
+fn water(file: &SceneFile, rig: &Rig, truth: &uw_calib::Instrument) -> Result<Water, Error> {
     if file.capture.medium == uw_io::Medium::Air {
         return Ok(Water::air());
     }
@@ -126,8 +127,8 @@ fn water(file: &SceneFile, rig: &Rig, index_off: f64) -> Result<Water, Error> {
     let board = file.capture.target.as_ref().and_then(|t| t.wavelength_nm);
     let ambient = board.and_then(|nm| rig.water_index_at(nm)).unwrap_or(laser);
     Ok(Water {
-        laser: Medium::of_index(laser + index_off),
-        ambient: Medium::of_index(ambient + index_off),
+        laser: Medium::of_index(laser + truth.water_offset),
+        ambient: Medium::of_index(ambient + truth.water_offset + truth.dispersion_offset),
         attenuation_per_mm: file.water.attenuation_per_m / 1000.0,
         backscatter_per_mm: file.water.backscatter_per_m / 1000.0,
     })
