@@ -7,3 +7,4 @@ mod real_scan;
 mod scan;
 mod shared_errors;
 mod simulated_corners;
+mod simulated_sides;
