@@ -8,3 +8,4 @@ mod scan;
 mod shared_errors;
 mod simulated_calibration;
 mod simulated_corners;
+mod simulated_sides;

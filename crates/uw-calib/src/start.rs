@@ -77,10 +77,7 @@ pub(crate) fn start(observations: &Observations, rig: &Rig) -> Result<State, Cal
     let poses = poses(observations, &instrument)?;
     let planes = planes(observations, rig, &instrument, &poses);
     instrument.scanner.galvo = galvo(rig, &planes)?;
-    // The laser's body is taken to lie on the camera's side of the mirror, which is where a frame has room for it.
-    let galvo = &instrument.scanner.galvo;
-    let towards_camera = -galvo.axes.column(1).dot(&galvo.origin_mm);
-    instrument.scanner.fan.mirror_normal_rad = FRAC_PI_4.copysign(towards_camera);
+    instrument.scanner.fan.mirror_normal_rad = instrument.scanner.galvo.mirror_normal_rad();
     Ok(State { instrument, poses })
 }
 

@@ -8,6 +8,7 @@ use crate::real::{Real, norm, rotation_about_x, unit, values};
 use crate::snell::Medium;
 use crate::trace::{Solver, Tracer};
 use nalgebra::{Matrix3, Scalar, Vector3};
+use std::f64::consts::FRAC_PI_4;
 
 /// The galvanometer: its frame (FORMATS §3) in the camera's, and how far the mirror turns per volt.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,6 +47,17 @@ impl<T: Real> Galvo<T> {
     }
 }
 
+impl Galvo<f64> {
+    /// Direction of the mirror's normal at the reference voltage by design, angle from z towards y, radians: ±π/4. The laser's
+    /// body lies on the camera's side of the mirror, where a frame has room for it, and its beam arrives square to z. Images
+    /// hardly tell the side, so that whoever has nothing better takes this: calibration's start, the simulator.
+    pub fn mirror_normal_rad(&self) -> f64 {
+        // What a normal at +π/4 turns into z comes from +y.
+        let towards_camera = -self.axes.column(1).dot(&self.origin_mm);
+        FRAC_PI_4.copysign(towards_camera)
+    }
+}
+
 /// The laser fan as the mirror shows it at the reference voltage: a plane of rays from a virtual apex, in the galvanometer
 /// frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,8 +69,9 @@ pub struct Fan<T: Scalar = f64> {
     pub tilt_rad: T,
     /// Distance of the mirror's surface from its axis, mm: the virtual apex moves by twice this along the mirror's normal.
     pub mirror_offset_mm: T,
-    /// Direction of the mirror's normal at the reference voltage: angle from z towards y, radians. Only scales what
-    /// `mirror_offset_mm` does, so a design value will do.
+    /// Direction of the mirror's normal at the reference voltage: angle from z towards y, radians. Only says where
+    /// `mirror_offset_mm` moves the apex, so a design value will do; of the wrong sign, axis and window move along.
+    /// [`Galvo::mirror_normal_rad`] is one.
     pub mirror_normal_rad: f64,
 }
 

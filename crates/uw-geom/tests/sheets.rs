@@ -6,8 +6,10 @@ mod common;
 use common::{WATER, scanner, stripe_pixel, window};
 use nalgebra::{Matrix3, Rotation3, Unit, Vector2, Vector3};
 use proptest::prelude::*;
+use std::f64::consts::PI;
 use uw_geom::{
-    Camera, Distortion, Fan, GeomError, Medium, Port, Ray, Scanner, Sheet, galvo_frame, rotation_about_x,
+    Camera, Distortion, Fan, Galvo, GeomError, Medium, Port, Ray, Scanner, Sheet, galvo_frame,
+    rotation_about_x,
 };
 
 /// Rounding of a few dozen operations on numbers near 1.
@@ -168,6 +170,26 @@ fn mirror_offset_shifts_the_apex_by_twice_itself() {
         let at_reference = base.galvo.axes * Vector3::new(0.0, 0.8f64.sin(), 0.8f64.cos());
         let normal = Rotation3::from_axis_angle(&axis, base.galvo.mirror_angle(voltage)) * at_reference;
         assert!((shift - normal * 0.4).norm() < ROUNDING * 1000.0, "{voltage} V: {shift}");
+    }
+}
+
+/// The beam that the mirror turns into z comes from the camera's side, however baseline, axis and beam lie.
+#[test]
+fn the_lasers_body_lies_on_the_cameras_side_by_design() {
+    for (sense, lean) in [(1.0, -0.44), (-1.0, -0.44), (1.0, 0.3), (-1.0, 0.3)] {
+        for twelfth in 0..12 {
+            let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), f64::from(twelfth) * PI / 6.0);
+            let axis = turn * Vector3::new(0.02, sense, 0.01);
+            let beam = turn * Vector3::new(lean, 0.0, 0.9);
+            let point = turn * Vector3::new(400.0, 12.0, -13.0);
+            let (origin_mm, axes) = galvo_frame(&point, &axis, &axis.cross(&beam), &beam).unwrap();
+            let galvo = Galvo { origin_mm, axes, ..scanner().galvo };
+            let (s, c) = galvo.mirror_normal_rad().sin_cos();
+            let (z, normal) = (axes.column(2), axes * Vector3::new(0.0, s, c));
+            let before = z - normal * (2.0 * z.dot(&normal));
+            assert!(before.dot(&z).abs() < ROUNDING, "{twelfth}, {sense}, {lean}");
+            assert!(before.dot(&origin_mm) > 0.5 * origin_mm.norm(), "{twelfth}, {sense}, {lean}");
+        }
     }
 }
 

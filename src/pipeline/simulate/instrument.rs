@@ -2,7 +2,6 @@
 
 use crate::Error;
 use nalgebra::Vector3;
-use std::f64::consts::FRAC_PI_4;
 use uw_geom::{Camera, Distortion, Fan, Galvo, Medium, Port, Scanner, galvo_frame};
 use uw_io::scene::SceneFile;
 use uw_io::{Priors, Rig};
@@ -87,7 +86,7 @@ pub(crate) fn drawn(rig: &Rig, place: &Placement, seed: Option<u64>) -> Result<u
         apex_mm: Vector3::new(d.next(p.apex_along_axis_mm.min(5.0)), d.next(p.fan_offset_mm), -apex),
         tilt_rad: d.next(p.fan_tilt_deg).to_radians(),
         mirror_offset_mm: d.next(p.mirror_offset_mm),
-        mirror_normal_rad: FRAC_PI_4,
+        mirror_normal_rad: galvo.mirror_normal_rad(),
     };
     let laser_port = window(&mut d, &rig.laser.port, p.laser_port_distance_mm, p)?;
     let scanner = Scanner { camera, camera_port, galvo, fan, laser_port };
