@@ -301,7 +301,7 @@ impl<'a> Hunt<'a> {
                 let near: Vec<Vector3<f64>> =
                     points.iter().map(|&i| self.cloud.vector(i) - self.origin).collect();
                 let reach = field.reach(&candidate.members);
-                let slight = confirm::is_slight(&primitive, &near) && !self.goes_on(&primitive, points.len());
+                let slight = confirm::is_slight(&primitive, &near) && !self.goes_on(&primitive, &points);
                 let sound = points.len() >= least
                     && confirm::confirmed(&fit, &primitive, &near, self.roughness_mm, reach, slight)
                     && (slight || self.is_noise_about(&primitive, &points));
@@ -318,13 +318,14 @@ impl<'a> Hunt<'a> {
     }
 
     /// Returns whether a surface goes on beyond what is claimed of it and bends away there: whether the points that nothing has claimed, and that lie
-    /// little further off it than is claimed, are more than a few beside the `claimed`.
-    fn goes_on(&self, primitive: &Primitive, claimed: usize) -> bool {
+    /// off it by more than the `claimed` do, but little more, are more than a few beside them.
+    fn goes_on(&self, primitive: &Primitive, claimed: &[usize]) -> bool {
         const FURTHER: f64 = 4.0;
         const FEW: f64 = 0.1;
-        let reach = FURTHER * TOLERANCE * self.roughness_mm;
-        let near = |&&i: &&usize| self.off(primitive, i).abs() <= reach;
-        self.remaining.iter().filter(near).count() as f64 > FEW * claimed as f64
+        let off = |&i: &usize| self.off(primitive, i).abs();
+        let within = claimed.iter().map(off).fold(0.0, f64::max);
+        let further = |&i: &usize| off(&i) > within && off(&i) <= FURTHER * TOLERANCE * self.roughness_mm;
+        self.remaining.iter().filter(|i| further(i)).count() as f64 > FEW * claimed.len() as f64
     }
 
     /// Returns whether what lies off a surface is noise for the most part, rather than form: by how much neighbours among its points lie
