@@ -12,7 +12,8 @@
 //! δ = τ² (½ u″ + u′ F′/F)
 //!
 //! beside the middle of the sheet: towards the side where the light is spread wider, and towards the brighter one. The widths tell τ:
-//! their squares are the lens's part plus τ² u′².
+//! their squares are the lens's part plus τ² u′². Where little of a sweep bends they tell no more than its bound, that part being no more
+//! than all: any share of it is as likely, and half of it is off by half as much as nothing would be.
 //!
 //! But a stripe's centre is not the middle of its light. Where the light is spread unevenly the stripe is lopsided, its third cumulant
 //! 3 τ⁴ u′² u″, and an efficient estimate of a Gaussian's centre lies by a share c of that over the squared width w² towards the steeper
@@ -42,12 +43,15 @@ const LEVEL: f32 = 0.3;
 const APART: usize = 3;
 const LEAST_CHANGE: f64 = 0.1;
 const EVENLY: f64 = 0.48;
-/// Images, as independent as those [`APART`] are, that tell something.
+/// Images, as independent as those [`APART`] are, whose scatter tells how well they tell something.
 const LEAST_COUNT: f64 = 2.0;
+/// Share of lines that may be narrower than the sheet by chance, and mean and standard deviation of a share of which nothing is known.
+const NARROWER: f64 = 0.1;
+const ANY_SHARE: (f64, f64) = (0.5, 0.29);
 /// A shift beyond this share of the stripe's width is no longer second order: the measurement is taken out.
 const LIMIT_WIDTHS: f64 = 0.25;
-/// Standard deviation of a shift, as a share of it: what the second order and the thickness leave; and where images on one side alone tell it, which
-/// see the surface bend away no further than they reach.
+/// Standard deviation of a shift, as a share of it, beside the thickness's: what the second order leaves; and where images on one side alone tell it,
+/// which see the surface bend away no further than they reach.
 const UNSURE: f64 = 0.3;
 const UNSURE_OUTWARDS: f64 = 0.6;
 
@@ -120,7 +124,7 @@ pub(crate) fn judge(images: &[Image]) -> Vec<Verdicts> {
     let reach = STEP.0 * median(steps) + STEP.1;
     let derivatives: Vec<Vec<Option<Derivatives>>> =
         (0..images.len()).map(|n| derivatives(images, n, reach)).collect();
-    let thickness = thickness_v2(images, &derivatives, reach).unwrap_or(0.0);
+    let thickness = Thickness::of(images, &derivatives, reach);
     let verdict = |n: usize, i: usize| {
         let mut seen = images[n].seen[i];
         if square_width(&images[n], i) > SMEARED * width {
@@ -130,17 +134,17 @@ pub(crate) fn judge(images: &[Image]) -> Vec<Verdicts> {
             return Err("partial_beam");
         }
         if let Some(d) = smooth(&images[n], &derivatives[n], i) {
-            let sheets_share = (thickness * d.first * d.first / f64::from(seen.width_px).powi(2)).min(1.0);
+            let sheets_share = (thickness.v2 * d.first * d.first / f64::from(seen.width_px).powi(2)).min(1.0);
             let spread = 0.5 * d.second * (1.0 - 6.0 * seen.lopsided * sheets_share);
-            let shift = thickness * (spread + d.first * d.growth);
+            let shift = thickness.v2 * (spread + d.first * d.growth);
             if shift.abs() > LIMIT_WIDTHS * f64::from(seen.width_px) {
                 return Err("smeared");
             }
             seen.position_px -= shift;
             let unsure = if d.outwards { UNSURE_OUTWARDS } else { UNSURE };
-            seen.sigma_px = seen.sigma_px.hypot(unsure * shift);
+            seen.sigma_px = seen.sigma_px.hypot(unsure.hypot(thickness.unsure) * shift);
         } else {
-            seen.sigma_px = seen.sigma_px.hypot(untold(images, n, &seen, reach, thickness));
+            seen.sigma_px = seen.sigma_px.hypot(untold(images, n, &seen, reach, thickness.v2));
         }
         Ok(seen)
     };
@@ -264,54 +268,80 @@ fn smooth(image: &Image, derivatives: &[Option<Derivatives>], i: usize) -> Optio
     (count >= LEAST_SMOOTH as f64).then_some(Derivatives { first, second, growth, ..own })
 }
 
-/// The sheet's variance in volts², from how the square of a stripe's width grows with u′² from one image to another a few further on, on the same
-/// line of the same surface, where distance and focus are nearly the same: the median of what images say, each the median of its lines' slopes, as heavy as u′² changes. `None` where too
-/// little of the sweep bends to tell it as well as [`UNSURE`] says.
-fn thickness_v2(images: &[Image], derivatives: &[Vec<Option<Derivatives>>], reach: f32) -> Option<f64> {
-    let told: Vec<Vec<Option<[f64; 2]>>> = images
-        .iter()
-        .zip(derivatives)
-        .map(|(image, all)| {
-            let one = |i: usize| {
-                let d = smooth(image, all, i).filter(|d| !d.outwards && slope(image, i).abs() <= LEVEL)?;
-                let near = &image.seen[i.saturating_sub(SMOOTH)..(i + SMOOTH + 1).min(image.seen.len())];
-                let near = near.iter().filter(|s| s.line.abs_diff(image.seen[i].line) <= SMOOTH);
-                let width = median(near.map(|s| s.width_px));
-                Some([d.first * d.first, f64::from(width * width)])
-            };
-            (0..image.seen.len()).map(one).collect()
-        })
-        .collect();
-    // Of each image by itself first: its lines share its focus and its speckle.
-    let mut medians: Vec<(f64, f64)> = Vec::new();
-    for (n, image) in images.iter().enumerate().take(images.len().saturating_sub(APART)) {
-        let mut slopes: Vec<(f64, f64)> = Vec::new();
-        for (i, seen) in image.seen.iter().enumerate() {
-            let Some([x, y]) = told[n][i] else { continue };
-            // To the last image, with the largest change of u′² on the way from one to the next.
-            let there =
-                (n + 1..=n + APART).try_fold((seen, [x, y], 0.0f64), |(last, [x, _], most), other| {
-                    let k = index(&images[other], seen)?;
-                    let (next, [x_next, y_next]) = (&images[other].seen[k], told[other][k]?);
-                    let joined = (next.position_px - last.position_px).abs() as f32 <= reach;
-                    joined.then_some((next, [x_next, y_next], most.max((x_next - x).abs())))
-                });
-            let Some((_, [x_there, y_there], most)) = there else { continue };
-            let change = x_there - x;
-            if change.abs() >= LEAST_CHANGE * x.min(x_there) && most <= EVENLY * change.abs() && change != 0.0
-            {
-                slopes.push(((y_there - y) / change, change.abs()));
-            }
+/// How thick the sheet of light is.
+#[derive(Clone, Copy, Debug)]
+struct Thickness {
+    /// Its variance, V².
+    v2: f64,
+    /// Standard deviation of that, as a share of it.
+    unsure: f64,
+}
+
+impl Thickness {
+    /// What images say one by one, and the bound that widths set.
+    fn of(images: &[Image], derivatives: &[Vec<Option<Derivatives>>], reach: f32) -> Self {
+        let squares = squares(images, derivatives);
+        let told = || squares.iter().flatten().flatten().filter(|[slant, _]| *slant > 0.0);
+        let mut bounds: Vec<(f64, f64)> = told().map(|[slant, width]| (width / slant, 1.0)).collect();
+        let Some([bound]) = quantiles(&mut bounds, [NARROWER]) else { return Self { v2: 0.0, unsure: 0.0 } };
+        let (mut v2, mut variance) = (ANY_SHARE.0 * bound, (ANY_SHARE.1 * bound).powi(2));
+        let mut said: Vec<(f64, f64)> =
+            (0..images.len()).filter_map(|n| growth(images, &squares, n, reach)).collect();
+        if let Some([low, middle, high]) = quantiles(&mut said, [0.25, 0.5, 0.75]) {
+            // As many as count, of which those near each other share images; quartiles of normal values are 1.35 sigmas apart.
+            let sum = said.iter().map(|s| s.1).sum::<f64>();
+            let count = sum * sum / said.iter().map(|s| s.1 * s.1).sum::<f64>() / APART as f64;
+            let scatter = 1.25 * (high - low) / 1.35;
+            let scatter = if count < LEAST_COUNT { scatter.max(UNSURE * middle.abs()) } else { scatter };
+            let share = variance / (variance + scatter * scatter / count);
+            v2 = (v2 + share * (middle - v2)).max(0.0);
+            variance *= 1.0 - share;
         }
-        let heavy = slopes.iter().map(|s| s.1).sum();
-        medians.extend(quantiles(&mut slopes, [0.5]).map(|[middle]| (middle, heavy)));
+        Self { v2, unsure: if v2 > 0.0 { variance.sqrt() / v2 } else { 0.0 } }
     }
-    let [low, middle, high] = quantiles(&mut medians, [0.25, 0.5, 0.75])?;
-    // As many as count, of which those near each other share images; quartiles of normal values are 1.35 sigmas apart.
-    let sum = medians.iter().map(|m| m.1).sum::<f64>();
-    let count = sum * sum / medians.iter().map(|m| m.1 * m.1).sum::<f64>() / APART as f64;
-    let sigma = 1.25 * (high - low) / 1.35 / count.sqrt();
-    (count >= LEAST_COUNT && sigma <= UNSURE * middle).then_some(middle)
+}
+
+/// Squares of the stripe's change by the voltage, u′², and of its width, line by line of each image; `None` where they do not tell the sheet.
+fn squares(images: &[Image], derivatives: &[Vec<Option<Derivatives>>]) -> Vec<Vec<Option<[f64; 2]>>> {
+    let image = |(image, all): (&Image, &Vec<Option<Derivatives>>)| {
+        let one = |i: usize| {
+            let d = smooth(image, all, i).filter(|d| !d.outwards && slope(image, i).abs() <= LEVEL)?;
+            let near = &image.seen[i.saturating_sub(SMOOTH)..(i + SMOOTH + 1).min(image.seen.len())];
+            let near = near.iter().filter(|s| s.line.abs_diff(image.seen[i].line) <= SMOOTH);
+            let width = median(near.map(|s| s.width_px));
+            Some([d.first * d.first, f64::from(width * width)])
+        };
+        (0..image.seen.len()).map(one).collect()
+    };
+    images.iter().zip(derivatives).map(image).collect()
+}
+
+/// How the square of a stripe's width grows with u′² from an image to another a few further on, on the same line of the same surface, where distance and
+/// focus are nearly the same: the sheet's variance in volts². The median of the image's lines, which share its focus and its speckle, as heavy as u′² changes; and that weight.
+fn growth(images: &[Image], squares: &[Vec<Option<[f64; 2]>>], n: usize, reach: f32) -> Option<(f64, f64)> {
+    let last = n + APART;
+    if last >= images.len() {
+        return None;
+    }
+    let mut slopes: Vec<(f64, f64)> = Vec::new();
+    for (i, seen) in images[n].seen.iter().enumerate() {
+        let Some([x, y]) = squares[n][i] else { continue };
+        // To the last image, with the largest change of u′² on the way from one to the next.
+        let there = (n + 1..=last).try_fold((seen, [x, y], 0.0f64), |(before, [x, _], most), other| {
+            let k = index(&images[other], seen)?;
+            let (next, [x_next, y_next]) = (&images[other].seen[k], squares[other][k]?);
+            let joined = (next.position_px - before.position_px).abs() as f32 <= reach;
+            joined.then_some((next, [x_next, y_next], most.max((x_next - x).abs())))
+        });
+        let Some((_, [x_there, y_there], most)) = there else { continue };
+        let change = x_there - x;
+        let evenly = most <= EVENLY * change.abs() && change != 0.0;
+        if evenly && change.abs() >= LEAST_CHANGE * x.min(x_there) {
+            slopes.push(((y_there - y) / change, change.abs()));
+        }
+    }
+    let heavy = slopes.iter().map(|s| s.1).sum();
+    quantiles(&mut slopes, [0.5]).map(|[middle]| (middle, heavy))
 }
 
 /// Quantiles of values with weights; `None` of none.
@@ -458,6 +488,27 @@ mod tests {
         images.truncate(21);
         let after = judge(&images)[20][7].expect("believed");
         assert!(before < 0.04 && after.sigma_px > 0.2 && after.sigma_px < TAU_V * 30.0, "{after:?}");
+    }
+
+    /// On a flat wall whose brightness falls off, 30 px and a factor of e a volt, no width tells the sheet from the lens: half of it is taken for the
+    /// sheet's, and the sigma covers the rest.
+    #[test]
+    fn where_nothing_bends_half_of_the_width_is_taken_for_the_sheets() {
+        for (tau_v, lens_px) in [(0.03_f64, 0.75_f64), (0.01, 1.2), (0.04, 0.4)] {
+            let stripe = |n: usize| {
+                let v = 0.04 * n as f64;
+                let width = (tau_v * 30.0).hypot(lens_px) as f32;
+                let position = 30.0 * v - 30.0 * tau_v * tau_v;
+                let one = |line| Seen { sigma_px: 1e-3, ..seen(line, position, width, 100.0 * (-v).exp()) };
+                Image { voltage_v: v, seen: (0..20).map(one).collect() }
+            };
+            let images: Vec<Image> = (0..12).map(stripe).collect();
+            let found = judge(&images)[6][10].expect("believed");
+            let (raw, off) = (30.0 * tau_v * tau_v, found.position_px - 30.0 * images[6].voltage_v);
+            assert!(off.abs() < 2.0 * found.sigma_px, "{raw}: {off} beside {}", found.sigma_px);
+            let half = 0.5 * (raw + lens_px * lens_px / 30.0);
+            assert!((off + raw - half).abs() < 1e-3, "{off} of {raw}, {half} taken back");
+        }
     }
 
     /// A lopsided stripe's centre, as the extractor tells it, is no middle of its light: images of a thick sheet on a surface that bends, rendered from
