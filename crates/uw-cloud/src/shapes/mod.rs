@@ -409,3 +409,29 @@ impl<'a> Hunt<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cloud::Frame;
+
+    #[test]
+    fn a_surface_goes_on_where_what_is_left_bends_away_from_it() {
+        let ball = |i: usize, off: f64| {
+            let (turn, z) = (2.4 * i as f64, -(i as f64 + 1.0) / 1001.0);
+            let (across, radius) = ((1.0 - z * z).sqrt(), 20.0 + off * (7.1 * i as f64).sin().powi(2));
+            [radius * across * turn.cos(), radius * across * turn.sin(), radius * z]
+        };
+        let sphere = Primitive::Sphere { center: Vector3::zeros(), radius: 20.0 };
+        for (left_off_mm, goes_on) in [(0.01, false), (0.1, true), (5.0, false)] {
+            let points = (0..1000).map(|i| ball(i, if i < 600 { 0.01 } else { left_off_mm })).collect();
+            let cloud = PointCloud::new(Frame::Camera, points);
+            let mut hunt = Hunt::new(&cloud, &ShapeOptions::default()).unwrap();
+            hunt.origin = Vector3::zeros();
+            hunt.roughness_mm = 0.01;
+            hunt.remaining = (600..1000).collect();
+            let claimed: Vec<usize> = (0..600).collect();
+            assert_eq!(hunt.goes_on(&sphere, &claimed), goes_on, "{left_off_mm} mm");
+        }
+    }
+}
