@@ -73,6 +73,8 @@ impl Bends {
         let Some(blur) = dispatch!(level, simd => self.blur(simd, width, sigma)) else { return };
         let (position, sigma) = (&mut stripe.position_px[lines.clone()], &mut stripe.sigma_px[lines.clone()]);
         let beyond = dispatch!(level, simd => self.shift(simd, blur, position, sigma));
+        stripe.unbent_px[lines.clone()].copy_from_slice(&self.shift);
+        stripe.blur_along_px2 = blur.variance;
         if beyond {
             for (line, _) in lines.clone().zip(&self.shift).filter(|(_, s)| s.abs() > blur.limit) {
                 stripe.drop_line(line, Reject::Bent);

@@ -150,6 +150,7 @@ pub struct Measurement {
 /// | `chi2` | NaN | of two shapes that filters lack; of the fit, where a line was refined | of the fit |
 /// | `rival_ratio` | NaN | of the second candidate's height | of the next candidate's light |
 /// | `scatter_widths` | 0 | measured | measured |
+/// | `unbent_px` | 0 | measured; 0 of ridges, which the smoothing bends, not the lens | measured |
 /// | [`Flags::SATURATED`] | flagged, not corrected | corrected by refinement | corrected |
 /// | [`Flags::SEVERAL_PEAKS`], [`Flags::EDGE`] | never | yes | yes |
 /// | [`Flags::NOT_CONVERGED`], [`Flags::POOR_FIT`] | never | of refined lines | yes |
@@ -184,6 +185,10 @@ pub struct Stripe {
     pub noise: NoiseModel,
     /// Scatter of the centres along the stripe beyond what the fits predict, in widths; part of every `sigma_px`.
     pub scatter_widths: f32,
+    /// What was taken back of the position where blur along the stripe bends it, px; 0: nothing.
+    pub unbent_px: Vec<f32>,
+    /// The variance of blur along the stripe that this was reckoned with, px²: what of the stripe's width is the sheet's, one image does not tell.
+    pub blur_along_px2: f32,
 }
 
 impl Stripe {
@@ -201,6 +206,8 @@ impl Stripe {
             reject: Vec::new(),
             noise: NoiseModel::start(255.0),
             scatter_widths: 0.0,
+            unbent_px: Vec::new(),
+            blur_along_px2: 0.0,
         }
     }
 
@@ -219,6 +226,8 @@ impl Stripe {
             array.clear();
             array.resize(lines, f32::NAN);
         }
+        self.unbent_px.clear();
+        self.unbent_px.resize(lines, 0.0);
         self.flags.clear();
         self.flags.resize(lines, Flags::NONE);
         self.reject.clear();

@@ -171,6 +171,7 @@ impl Engine {
         }
         stripe.noise = self.model.noise;
         stripe.scatter_widths = 0.0;
+        stripe.unbent_px.fill(0.0);
         buffers.cleaned.reset();
         match tracking {
             Some(tracking) => self.tracked(job, tracking, buffers, stripe),

@@ -110,6 +110,7 @@ impl Onto {
     #[inline(always)]
     fn write<S: Simd>(&mut self, _: S, stripe: &mut Stripe) -> bool {
         let n = stripe.len();
+        stripe.unbent_px.fill(0.0);
         let [shift, unsure, count] = self.sums.each_mut().map(|of| &mut of[..n]);
         for i in 0..n {
             let (mean, chance) = (shift[i] / unsure[i], 1.0 / unsure[i].sqrt());
