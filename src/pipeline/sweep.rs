@@ -22,7 +22,7 @@
 //! δ = τ² (½ u″ (1 − 6 c τ² u′² / w²) + u′ F′/F)
 //!
 //! Last, blur along the stripe is the lens's alone. One image that took all of the width for it, and so took back too much where the stripe bends, is
-//! given that part again.
+//! given that part again if the sweep tells it.
 
 use uw_stripe::{Measurement, Stripe};
 
@@ -73,8 +73,8 @@ pub(crate) struct Seen {
     pub width_px: f32,
     /// Share of the third cumulant by the squared width that the centre lies off the middle of the light.
     pub lopsided: f64,
-    /// What was taken back where blur along the stripe bends it, px, and the variance of that blur, px², where some was.
-    pub unbent: Option<(f64, f64)>,
+    /// What was taken back where blur along the stripe bends it, px, and the variances of blur along and across that it rests on, px², where some was.
+    pub unbent: Option<(f64, [f64; 2])>,
 }
 
 impl Seen {
@@ -88,7 +88,7 @@ impl Seen {
             width_px: stripe.width_px[m.line],
             lopsided: lopsided(stripe, m.line),
             unbent: (stripe.unbent_px[m.line] != 0.0)
-                .then(|| (stripe.unbent_px[m.line].into(), stripe.blur_along_px2.into())),
+                .then(|| (stripe.unbent_px[m.line].into(), stripe.blur_px2.map(f64::from))),
         };
         stripe.measurements().map(seen).collect()
     }
@@ -141,12 +141,14 @@ pub(crate) fn judge(images: &[Image]) -> Vec<Verdicts> {
             return Err("partial_beam");
         }
         if let Some(d) = smooth(&images[n], &derivatives[n], i) {
-            let square = f64::from(seen.width_px).powi(2);
-            let sheets_share = (thickness.v2 * d.first * d.first / square).min(1.0);
-            if let Some((unbent_px, along_px2)) = seen.unbent {
-                let lens_px2 =
-                    square * (1.0 - sheets_share) / f64::from(slope(&images[n], i)).hypot(1.0).powi(2);
-                seen.position_px += unbent_px * (1.0 - (lens_px2 / along_px2).min(1.0));
+            let sheets_share = (thickness.v2 * d.first * d.first / f64::from(seen.width_px).powi(2)).min(1.0);
+            if let Some((unbent_px, [along_px2, across_px2])) =
+                seen.unbent.filter(|_| thickness.unsure <= UNSURE)
+            {
+                let sheets_px2 =
+                    thickness.v2 * (d.first / f64::from(slope(&images[n], i)).hypot(1.0)).powi(2);
+                let too_much = (along_px2 - (across_px2 - sheets_px2)) / along_px2;
+                seen.position_px += unbent_px * too_much.clamp(0.0, 1.0);
             }
             let spread = 0.5 * d.second * (1.0 - 6.0 * seen.lopsided * sheets_share);
             let shift = thickness.v2 * (spread + d.first * d.growth);
@@ -294,8 +296,8 @@ impl Thickness {
     /// What images say one by one, and the bound that widths set.
     fn of(images: &[Image], derivatives: &[Vec<Option<Derivatives>>], reach: f32) -> Self {
         let squares = squares(images, derivatives);
-        let told = || squares.iter().flatten().flatten().filter(|[slant, _]| *slant > 0.0);
-        let mut bounds: Vec<(f64, f64)> = told().map(|[slant, width]| (width / slant, 1.0)).collect();
+        let told = squares.iter().flatten().flatten().filter(|[slant, width]| *slant > 0.0 && *width > 0.0);
+        let mut bounds: Vec<(f64, f64)> = told.map(|[slant, width]| (width / slant, 1.0)).collect();
         let Some([bound]) = quantiles(&mut bounds, [NARROWER]) else { return Self { v2: 0.0, unsure: 0.0 } };
         let (mut v2, mut variance) = (ANY_SHARE.0 * bound, (ANY_SHARE.1 * bound).powi(2));
         let mut said: Vec<(f64, f64)> =
@@ -485,7 +487,7 @@ mod tests {
         for seen in bent.iter_mut().flat_map(|image| &mut image.seen) {
             let square = f64::from(seen.width_px).powi(2);
             seen.position_px += (LENS_PX.powi(2) - square) * BEND;
-            seen.unbent = Some((square * BEND, square));
+            seen.unbent = Some((square * BEND, [square; 2]));
         }
         for (image, verdicts) in bent.iter().zip(&judge(&bent)) {
             for verdict in verdicts {

@@ -52,6 +52,8 @@ struct Widths {
 struct Blur {
     /// Variance along the stripe, px².
     variance: f32,
+    /// And across it.
+    across: f32,
     /// Longest shift that is believed, px.
     limit: f32,
     /// The stripe's usual noise, px: single sigmas are wide where a fit is poor, which a bend itself makes it.
@@ -74,7 +76,7 @@ impl Bends {
         let (position, sigma) = (&mut stripe.position_px[lines.clone()], &mut stripe.sigma_px[lines.clone()]);
         let beyond = dispatch!(level, simd => self.shift(simd, blur, position, sigma));
         stripe.unbent_px[lines.clone()].copy_from_slice(&self.shift);
-        stripe.blur_along_px2 = blur.variance;
+        stripe.blur_px2 = [blur.variance, blur.across];
         if beyond {
             for (line, _) in lines.clone().zip(&self.shift).filter(|(_, s)| s.abs() > blur.limit) {
                 stripe.drop_line(line, Reject::Bent);
@@ -112,7 +114,7 @@ impl Bends {
         let square = (curves.slope.iter().zip(width)).map(|(slope, w)| w * w / (1.0 + share * slope * slope));
         let square = median_of_known(&curves.bend, square, upper)?;
         let sigma_px = median_of_known(&curves.bend, sigma.iter().copied(), upper)?;
-        Some(Blur { variance: share * square, limit: LIMIT_WIDTHS * square.sqrt(), sigma_px })
+        Some(Blur { variance: share * square, across: square, limit: LIMIT_WIDTHS * square.sqrt(), sigma_px })
     }
 
     /// Takes back what is more than noise, and keeps it in `shift`; true if some of it is beyond belief: those lines stay as they were.

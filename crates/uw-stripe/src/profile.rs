@@ -187,8 +187,8 @@ pub struct Stripe {
     pub scatter_widths: f32,
     /// What was taken back of the position where blur along the stripe bends it, px; 0: nothing.
     pub unbent_px: Vec<f32>,
-    /// The variance of blur along the stripe that this was reckoned with, px²: what of the stripe's width is the sheet's, one image does not tell.
-    pub blur_along_px2: f32,
+    /// The variances of blur along the stripe that this was reckoned with, and across it, px²: what of the latter is the sheet's, one image hardly tells.
+    pub blur_px2: [f32; 2],
 }
 
 impl Stripe {
@@ -207,7 +207,7 @@ impl Stripe {
             noise: NoiseModel::start(255.0),
             scatter_widths: 0.0,
             unbent_px: Vec::new(),
-            blur_along_px2: 0.0,
+            blur_px2: [0.0; 2],
         }
     }
 
