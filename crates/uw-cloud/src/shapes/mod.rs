@@ -324,8 +324,9 @@ impl<'a> Hunt<'a> {
         const FEW: f64 = 0.1;
         let off = |&i: &usize| self.off(primitive, i).abs();
         let within = claimed.iter().map(off).fold(0.0, f64::max);
-        let further = |&i: &usize| off(&i) > within && off(&i) <= FURTHER * TOLERANCE * self.roughness_mm;
-        self.remaining.iter().filter(|i| further(i)).count() as f64 > FEW * claimed.len() as f64
+        let reach = FURTHER * TOLERANCE * self.roughness_mm;
+        let further = self.remaining.iter().map(off).filter(|&off| off > within && off <= reach);
+        further.count() as f64 > FEW * claimed.len() as f64
     }
 
     /// Returns whether what lies off a surface is noise for the most part, rather than form: by how much neighbours among its points lie
