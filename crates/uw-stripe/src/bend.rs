@@ -19,8 +19,9 @@ use curves::{Curves, REACH_LINES};
 use fearless_simd::{Level, Simd, dispatch};
 use std::ops::Range;
 
-/// Standard deviation of the correction, as a share of it: what the second order leaves.
-const UNSURE: f32 = 0.5;
+/// Standard deviation of what is taken back where blur along the stripe bends it ([`Stripe::unbent_px`]), as a share of it: one image hardly tells how much of
+/// the width is blur along the stripe. Part of every [`Stripe::sigma_px`].
+pub const UNBENT_UNSURE: f32 = 0.5;
 /// A correction beyond this share of the stripe's width is no longer believed: the measurement is taken out.
 const LIMIT_WIDTHS: f32 = 0.15;
 
@@ -52,8 +53,6 @@ struct Widths {
 struct Blur {
     /// Variance along the stripe, px².
     variance: f32,
-    /// And across it.
-    across: f32,
     /// Longest shift that is believed, px.
     limit: f32,
     /// The stripe's usual noise, px: single sigmas are wide where a fit is poor, which a bend itself makes it.
@@ -76,7 +75,6 @@ impl Bends {
         let (position, sigma) = (&mut stripe.position_px[lines.clone()], &mut stripe.sigma_px[lines.clone()]);
         let beyond = dispatch!(level, simd => self.shift(simd, blur, position, sigma));
         stripe.unbent_px[lines.clone()].copy_from_slice(&self.shift);
-        stripe.blur_px2 = [blur.variance, blur.across];
         if beyond {
             for (line, _) in lines.clone().zip(&self.shift).filter(|(_, s)| s.abs() > blur.limit) {
                 stripe.drop_line(line, Reject::Bent);
@@ -114,7 +112,7 @@ impl Bends {
         let square = (curves.slope.iter().zip(width)).map(|(slope, w)| w * w / (1.0 + share * slope * slope));
         let square = median_of_known(&curves.bend, square, upper)?;
         let sigma_px = median_of_known(&curves.bend, sigma.iter().copied(), upper)?;
-        Some(Blur { variance: share * square, across: square, limit: LIMIT_WIDTHS * square.sqrt(), sigma_px })
+        Some(Blur { variance: share * square, limit: LIMIT_WIDTHS * square.sqrt(), sigma_px })
     }
 
     /// Takes back what is more than noise, and keeps it in `shift`; true if some of it is beyond belief: those lines stay as they were.
@@ -135,7 +133,7 @@ impl Bends {
             beyond += u32::from(!believed);
             shift[i] = moved;
             position[i] -= if believed { moved } else { 0.0 };
-            let unsure = (UNSURE * moved).powi(2) + noise * noise_gain[i];
+            let unsure = (UNBENT_UNSURE * moved).powi(2) + noise * noise_gain[i];
             let wider = (sigma[i] * sigma[i] + unsure).sqrt();
             sigma[i] = if believed & (doubt < 1.0) { wider } else { sigma[i] };
         }

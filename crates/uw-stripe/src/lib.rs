@@ -54,6 +54,7 @@ mod track;
 mod verdict;
 mod view;
 
+pub use bend::UNBENT_UNSURE;
 pub use engine::{Tracking, brightest};
 pub use error::StripeError;
 pub use extractor::Extractor;

@@ -185,10 +185,9 @@ pub struct Stripe {
     pub noise: NoiseModel,
     /// Scatter of the centres along the stripe beyond what the fits predict, in widths; part of every `sigma_px`.
     pub scatter_widths: f32,
-    /// What was taken back of the position where blur along the stripe bends it, px; 0: nothing.
+    /// What was taken back of the position where blur along the stripe bends it, px; 0: nothing. What part of the width that blur has, and what the sheet of light,
+    /// one image hardly tells: a share of this ([`UNBENT_UNSURE`](crate::UNBENT_UNSURE)) is in `sigma_px`.
     pub unbent_px: Vec<f32>,
-    /// The variances of blur along the stripe that this was reckoned with, and across it, px²: what of the latter is the sheet's, one image hardly tells.
-    pub blur_px2: [f32; 2],
 }
 
 impl Stripe {
@@ -207,7 +206,6 @@ impl Stripe {
             noise: NoiseModel::start(255.0),
             scatter_widths: 0.0,
             unbent_px: Vec::new(),
-            blur_px2: [0.0; 2],
         }
     }
 

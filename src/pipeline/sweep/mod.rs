@@ -6,25 +6,29 @@
 //! middle of the sheet is, by up to a pixel, always to the same side. A single image does not tell when the whole stripe is so, as
 //! where the sheet first touches a ball: the neighbouring images and the usual width do.
 //!
-//! Elsewhere the shift is small and known to second order. With u(V) the centre on a line, F(V) its light and τ the sheet's standard
-//! deviation in volts of the sweep, the middle of the light lies by
+//! Elsewhere the shift is small and known to second order. With u(V, y) the centre on line y, F(V, y) its light, τ the sheet's standard
+//! deviation in volts of the sweep and s² the variance of the lens's blur and the pixels, the middle of the light lies by
 //!
-//! δ = τ² (½ u″ + u′ F′/F)
+//! m = τ² (½ u_VV + u_V F_V/F) + s² (½ u_yy + u_y F_y/F)
 //!
-//! beside the middle of the sheet: towards the side where the light is spread wider, and towards the brighter one. The widths tell τ:
-//! their squares are the lens's part plus τ² u′². Where little of a sweep bends they tell no more than its bound, that part being no more
-//! than all: any share of it is as likely, and half of it is off by half as much as nothing would be.
+//! beside the middle of the sheet: towards the side where the light is spread wider, and towards the brighter one. The widths tell τ and s:
+//! w² = τ² u_V² + s² (1 + u_y²), from image to image as from line to line. Where little of a sweep bends they tell no more than a bound, the sheet's part being no
+//! more than all: any share of it is as likely, and half of it is off by half as much as nothing would be.
 //!
-//! But a stripe's centre is not the middle of its light. Where the light is spread unevenly the stripe is lopsided, its third cumulant
-//! 3 τ⁴ u′² u″, and an efficient estimate of a Gaussian's centre lies by a share c of that over the squared width w² towards the steeper
-//! flank: a quarter where the noise is even, less where the light's own noise counts. So that
+//! But a stripe's centre is not the middle of its light. Where the light is spread unevenly the stripe is lopsided, with the third cumulant
 //!
-//! δ = τ² (½ u″ (1 − 6 c τ² u′² / w²) + u′ F′/F)
+//! κ = 3 (τ⁴ u_V² u_VV + 2 τ² s² u_V u_y u_Vy + s⁴ u_y² u_yy)
 //!
-//! Last, blur along the stripe is the lens's alone. One image that took all of the width for it, and so took back too much where the stripe bends, is
-//! given that part again if the sweep tells it.
+//! and an efficient estimate of a Gaussian's centre lies by a share c of κ/w² towards the steeper flank: a quarter where the noise is even, less where
+//! the light's own noise counts. The centre's shift is m − c κ/w². What the image by itself took back for blur along its stripe is given again first: it
+//! cannot tell the sheet from the lens.
 
-use uw_stripe::{Measurement, Stripe};
+mod derivatives;
+mod thickness;
+
+use derivatives::{Along, Derivatives, derivatives, smooth};
+use thickness::Thickness;
+use uw_stripe::{Measurement, Stripe, UNBENT_UNSURE};
 
 /// A stripe this many times wider than usual is smeared.
 const SMEARED: f32 = 1.8;
@@ -32,28 +36,11 @@ const SMEARED: f32 = 1.8;
 const PARTIAL: f32 = 0.5;
 /// Longest way from an image to the next within a surface: usual steps, and pixels.
 const STEP: (f32, f32) = (2.0, 3.0);
-/// Change of ln light from one image to the next beyond which the surface's brightness has an edge, whose light does not mix evenly.
-const EDGE_STEP: f64 = 0.5;
-/// Ratio of the voltage's steps before and after up to which differences tell derivatives.
-const UNEVEN: f64 = 2.0;
-/// Lines to either side over which derivatives are averaged, and how many of them must have some.
-const SMOOTH: usize = 4;
-const LEAST_SMOOTH: usize = 5;
-/// Slope of the stripe up to which its width on a line is the lens's and the sheet's alone.
-const LEVEL: f32 = 0.3;
-/// Images from one to the other of which widths are compared; the least change of u′² between them, as a share of it; and the most of that change from
-/// an image to the next, where a surface bends evenly and has no crease.
-const APART: usize = 3;
-const LEAST_CHANGE: f64 = 0.1;
-const EVENLY: f64 = 0.48;
-/// Images, as independent as those [`APART`] are, whose scatter tells how well they tell something.
-const LEAST_COUNT: f64 = 2.0;
-/// Share of lines that may be narrower than the sheet by chance, and mean and standard deviation of a share of which nothing is known.
-const NARROWER: f64 = 0.1;
-const ANY_SHARE: (f64, f64) = (0.5, 0.29);
+/// Variance of a pixel's area along either side, px²: a stripe's width is that before it.
+const PIXEL_PX2: f64 = 1.0 / 12.0;
 /// A shift beyond this share of the stripe's width is no longer second order: the measurement is taken out.
 const LIMIT_WIDTHS: f64 = 0.25;
-/// Standard deviation of a shift, as a share of it, beside the thickness's: what the second order leaves; and where images on one side alone tell it,
+/// Standard deviation of a shift, as a share of it, beside what the thickness's makes: what the second order leaves; and where images on one side alone tell it,
 /// which see the surface bend away no further than they reach.
 const UNSURE: f64 = 0.3;
 const UNSURE_OUTWARDS: f64 = 0.6;
@@ -73,8 +60,8 @@ pub(crate) struct Seen {
     pub width_px: f32,
     /// Share of the third cumulant by the squared width that the centre lies off the middle of the light.
     pub lopsided: f64,
-    /// What was taken back where blur along the stripe bends it, px, and the variances of blur along and across that it rests on, px², where some was.
-    pub unbent: Option<(f64, [f64; 2])>,
+    /// What the image by itself took back where blur along the stripe bends it, px.
+    pub unbent_px: f64,
 }
 
 impl Seen {
@@ -87,15 +74,55 @@ impl Seen {
             amplitude: m.amplitude,
             width_px: stripe.width_px[m.line],
             lopsided: lopsided(stripe, m.line),
-            unbent: (stripe.unbent_px[m.line] != 0.0)
-                .then(|| (stripe.unbent_px[m.line].into(), stripe.blur_px2.map(f64::from))),
+            unbent_px: stripe.unbent_px[m.line].into(),
         };
         stripe.measurements().map(seen).collect()
+    }
+
+    /// The centre before something was taken back, px.
+    fn seen_px(&self) -> f64 {
+        self.position_px + self.unbent_px
     }
 
     /// Light across the stripe, DN · px up to a factor.
     fn flux(&self) -> f32 {
         self.amplitude as f32 * self.width_px
+    }
+}
+
+impl Seen {
+    /// Undoes what the image by itself took back.
+    fn bend_again(&mut self) {
+        let unsure_px = f64::from(UNBENT_UNSURE) * self.unbent_px;
+        self.sigma_px = (self.sigma_px.powi(2) - unsure_px.powi(2)).max(0.0).sqrt();
+        self.position_px = self.seen_px();
+    }
+
+    /// Width on a line by sheet, lens and pixels, squared.
+    fn square_px2(&self) -> f64 {
+        f64::from(self.width_px).powi(2) + PIXEL_PX2
+    }
+
+    /// Variance of blur along the stripe, px²: what the sheet leaves of the width.
+    fn lens_px2(&self, sheet_v2: f64, d: &Derivatives, along: &Along) -> f64 {
+        (self.square_px2() - sheet_v2 * d.first * d.first).max(0.0) / (1.0 + along.slope * along.slope)
+    }
+
+    /// How far the centre lies beside that of the curve in the sheet's middle, px, by the sheet's variance, V², and by blur along the stripe; of a stripe
+    /// whose curve is not known, by the sheet alone.
+    fn shift(&self, sheet_v2: f64, d: &Derivatives, along: Option<&Along>) -> f64 {
+        // No thicker than the stripe is wide.
+        let sheet_v2 = sheet_v2.min(self.square_px2() / (d.first * d.first));
+        let across = sheet_v2 * d.first;
+        let mut middle = sheet_v2 * (0.5 * d.second + d.first * d.growth);
+        // A third of the third cumulant.
+        let mut skew = across * across * d.second;
+        if let Some(along) = along {
+            let (slope, lens_px2) = (along.slope, self.lens_px2(sheet_v2, d, along));
+            middle += lens_px2 * (along.bend + slope * along.growth);
+            skew += 2.0 * lens_px2 * slope * (across * d.twist + lens_px2 * slope * along.bend);
+        }
+        middle - 3.0 * self.lopsided * skew / self.square_px2()
     }
 }
 
@@ -132,6 +159,8 @@ pub(crate) fn judge(images: &[Image]) -> Vec<Verdicts> {
     let derivatives: Vec<Vec<Option<Derivatives>>> =
         (0..images.len()).map(|n| derivatives(images, n, reach)).collect();
     let thickness = Thickness::of(images, &derivatives, reach);
+    let sigma = |image: &Image| median(image.seen.iter().map(|s| s.sigma_px as f32)).into();
+    let sigmas_px: Vec<f64> = images.iter().map(sigma).collect();
     let verdict = |n: usize, i: usize| {
         let mut seen = images[n].seen[i];
         if square_width(&images[n], i) > SMEARED * width {
@@ -141,23 +170,22 @@ pub(crate) fn judge(images: &[Image]) -> Vec<Verdicts> {
             return Err("partial_beam");
         }
         if let Some(d) = smooth(&images[n], &derivatives[n], i) {
-            let sheets_share = (thickness.v2 * d.first * d.first / f64::from(seen.width_px).powi(2)).min(1.0);
-            if let Some((unbent_px, [along_px2, across_px2])) =
-                seen.unbent.filter(|_| thickness.unsure <= UNSURE)
-            {
-                let sheets_px2 =
-                    thickness.v2 * (d.first / f64::from(slope(&images[n], i)).hypot(1.0)).powi(2);
-                let too_much = (along_px2 - (across_px2 - sheets_px2)) / along_px2;
-                seen.position_px += unbent_px * too_much.clamp(0.0, 1.0);
+            let along = Along::at(&images[n], i, reach, sigmas_px[n]);
+            if along.is_some() {
+                seen.bend_again();
             }
-            let spread = 0.5 * d.second * (1.0 - 6.0 * seen.lopsided * sheets_share);
-            let shift = thickness.v2 * (spread + d.first * d.growth);
+            let shift = seen.shift(thickness.v2, &d, along.as_ref());
+            let otherwise = seen.shift(thickness.v2 + thickness.sigma_v2, &d, along.as_ref());
             if shift.abs() > LIMIT_WIDTHS * f64::from(seen.width_px) {
                 return Err("smeared");
             }
             seen.position_px -= shift;
+            if let Some(along) = &along {
+                let noise_px = seen.lens_px2(thickness.v2, &d, along) * along.bend_px2.sqrt();
+                seen.sigma_px = seen.sigma_px.hypot(noise_px);
+            }
             let unsure = if d.outwards { UNSURE_OUTWARDS } else { UNSURE };
-            seen.sigma_px = seen.sigma_px.hypot(unsure.hypot(thickness.unsure) * shift);
+            seen.sigma_px = seen.sigma_px.hypot(unsure * shift).hypot(otherwise - shift);
         } else {
             seen.sigma_px = seen.sigma_px.hypot(untold(images, n, &seen, reach, thickness.v2));
         }
@@ -211,169 +239,6 @@ fn untold(images: &[Image], n: usize, seen: &Seen, reach: f32, thickness: f64) -
     beside.fold(0.0, f64::max)
 }
 
-/// How centre and light change with the voltage.
-#[derive(Clone, Copy, Debug)]
-struct Derivatives {
-    /// u′, px/V.
-    first: f64,
-    /// u″, px/V².
-    second: f64,
-    /// F′/F, 1/V.
-    growth: f64,
-    /// From the images on one side alone.
-    outwards: bool,
-}
-
-/// The derivatives at each centre of an image, from the images before and after, or from two on one side where the surface ends on the other, as at
-/// an object's outline; `None` where the surface or its brightness breaks off.
-fn derivatives(images: &[Image], n: usize, reach: f32) -> Vec<Option<Derivatives>> {
-    let here = &images[n];
-    // An image so many further on, and its voltage from here.
-    let image = |by: isize| {
-        let other = images.get(n.checked_add_signed(by)?)?;
-        Some((other, other.voltage_v - here.voltage_v))
-    };
-    let [back2, back, on, on2] = [-2, -1, 1, 2].map(image);
-    let one = |seen: &Seen| {
-        // Its voltage, centre and ln light from here, where the surface goes on to there.
-        let joined = |other: Option<(&Image, f64)>, from: &Seen| {
-            let (image, voltage_v) = other?;
-            let other = at(image, seen)?;
-            let step = (other.position_px - from.position_px).abs() as f32;
-            let even = f64::from(other.flux() / from.flux()).ln().abs() <= EDGE_STEP;
-            (step <= reach && even).then_some((voltage_v, *other))
-        };
-        let (a, b, outwards) = match (joined(back, seen), joined(on, seen)) {
-            (Some(a), Some(b)) => (a, b, false),
-            (Some(a), None) => (a, joined(back2, &a.1)?, true),
-            (None, Some(b)) => (b, joined(on2, &b.1)?, true),
-            (None, None) => return None,
-        };
-        // Steps from each of the three to the next.
-        let steps = if outwards { [a.0, b.0 - a.0] } else { [-a.0, b.0] }.map(f64::abs);
-        if !(steps[0] > 0.0 && steps[1] > 0.0 && steps[0].max(steps[1]) <= UNEVEN * steps[0].min(steps[1])) {
-            return None;
-        }
-        // Newton's parabola through here and both.
-        let parabola = |of: fn(&Seen) -> f64| {
-            let [to_a, to_b] = [a, b].map(|(v, other)| (of(&other) - of(seen)) / v);
-            let second = (to_b - to_a) / (b.0 - a.0);
-            (to_a - second * a.0, 2.0 * second)
-        };
-        let (first, second) = parabola(|s| s.position_px);
-        let (growth, _) = parabola(|s| f64::from(s.flux()).ln());
-        Some(Derivatives { first, second, growth, outwards })
-    };
-    here.seen.iter().map(one).collect()
-}
-
-/// Mean of the derivatives over neighbouring lines that tell them alike: a single one carries its own centre's noise, which would be fed back.
-fn smooth(image: &Image, derivatives: &[Option<Derivatives>], i: usize) -> Option<Derivatives> {
-    let line = image.seen[i].line;
-    let own = derivatives[i]?;
-    let near = i.saturating_sub(SMOOTH)..(i + SMOOTH + 1).min(derivatives.len());
-    let (mut sum, mut count) = ([0.0; 3], 0.0);
-    for k in near.filter(|&k| image.seen[k].line.abs_diff(line) <= SMOOTH) {
-        if let Some(d) = derivatives[k].filter(|d| d.outwards == own.outwards) {
-            sum = [sum[0] + d.first, sum[1] + d.second, sum[2] + d.growth];
-            count += 1.0;
-        }
-    }
-    let [first, second, growth] = sum.map(|s| s / count);
-    (count >= LEAST_SMOOTH as f64).then_some(Derivatives { first, second, growth, ..own })
-}
-
-/// How thick the sheet of light is.
-#[derive(Clone, Copy, Debug)]
-struct Thickness {
-    /// Its variance, V².
-    v2: f64,
-    /// Standard deviation of that, as a share of it.
-    unsure: f64,
-}
-
-impl Thickness {
-    /// What images say one by one, and the bound that widths set.
-    fn of(images: &[Image], derivatives: &[Vec<Option<Derivatives>>], reach: f32) -> Self {
-        let squares = squares(images, derivatives);
-        let told = squares.iter().flatten().flatten().filter(|[slant, width]| *slant > 0.0 && *width > 0.0);
-        let mut bounds: Vec<(f64, f64)> = told.map(|[slant, width]| (width / slant, 1.0)).collect();
-        let Some([bound]) = quantiles(&mut bounds, [NARROWER]) else { return Self { v2: 0.0, unsure: 0.0 } };
-        let (mut v2, mut variance) = (ANY_SHARE.0 * bound, (ANY_SHARE.1 * bound).powi(2));
-        let mut said: Vec<(f64, f64)> =
-            (0..images.len()).filter_map(|n| growth(images, &squares, n, reach)).collect();
-        if let Some([low, middle, high]) = quantiles(&mut said, [0.25, 0.5, 0.75]) {
-            // As many as count, of which those near each other share images; quartiles of normal values are 1.35 sigmas apart.
-            let sum = said.iter().map(|s| s.1).sum::<f64>();
-            let count = sum * sum / said.iter().map(|s| s.1 * s.1).sum::<f64>() / APART as f64;
-            let scatter = 1.25 * (high - low) / 1.35;
-            let scatter = if count < LEAST_COUNT { scatter.max(UNSURE * middle.abs()) } else { scatter };
-            let share = variance / (variance + scatter * scatter / count);
-            v2 = (v2 + share * (middle - v2)).max(0.0);
-            variance *= 1.0 - share;
-        }
-        Self { v2, unsure: if v2 > 0.0 { variance.sqrt() / v2 } else { 0.0 } }
-    }
-}
-
-/// Squares of the stripe's change by the voltage, u′², and of its width, line by line of each image; `None` where they do not tell the sheet.
-fn squares(images: &[Image], derivatives: &[Vec<Option<Derivatives>>]) -> Vec<Vec<Option<[f64; 2]>>> {
-    let image = |(image, all): (&Image, &Vec<Option<Derivatives>>)| {
-        let one = |i: usize| {
-            let d = smooth(image, all, i).filter(|d| !d.outwards && slope(image, i).abs() <= LEVEL)?;
-            let near = &image.seen[i.saturating_sub(SMOOTH)..(i + SMOOTH + 1).min(image.seen.len())];
-            let near = near.iter().filter(|s| s.line.abs_diff(image.seen[i].line) <= SMOOTH);
-            let width = median(near.map(|s| s.width_px));
-            Some([d.first * d.first, f64::from(width * width)])
-        };
-        (0..image.seen.len()).map(one).collect()
-    };
-    images.iter().zip(derivatives).map(image).collect()
-}
-
-/// How the square of a stripe's width grows with u′² from an image to another a few further on, on the same line of the same surface, where distance and
-/// focus are nearly the same: the sheet's variance in volts². The median of the image's lines, which share its focus and its speckle, as heavy as u′² changes; and that weight.
-fn growth(images: &[Image], squares: &[Vec<Option<[f64; 2]>>], n: usize, reach: f32) -> Option<(f64, f64)> {
-    let last = n + APART;
-    if last >= images.len() {
-        return None;
-    }
-    let mut slopes: Vec<(f64, f64)> = Vec::new();
-    for (i, seen) in images[n].seen.iter().enumerate() {
-        let Some([x, y]) = squares[n][i] else { continue };
-        // To the last image, with the largest change of u′² on the way from one to the next.
-        let there = (n + 1..=last).try_fold((seen, [x, y], 0.0f64), |(before, [x, _], most), other| {
-            let k = index(&images[other], seen)?;
-            let (next, [x_next, y_next]) = (&images[other].seen[k], squares[other][k]?);
-            let joined = (next.position_px - before.position_px).abs() as f32 <= reach;
-            joined.then_some((next, [x_next, y_next], most.max((x_next - x).abs())))
-        });
-        let Some((_, [x_there, y_there], most)) = there else { continue };
-        let change = x_there - x;
-        let evenly = most <= EVENLY * change.abs() && change != 0.0;
-        if evenly && change.abs() >= LEAST_CHANGE * x.min(x_there) {
-            slopes.push(((y_there - y) / change, change.abs()));
-        }
-    }
-    let heavy = slopes.iter().map(|s| s.1).sum();
-    quantiles(&mut slopes, [0.5]).map(|[middle]| (middle, heavy))
-}
-
-/// Quantiles of values with weights; `None` of none.
-fn quantiles<const N: usize>(values: &mut [(f64, f64)], shares: [f64; N]) -> Option<[f64; N]> {
-    values.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let all = values.iter().map(|v| v.1).sum::<f64>();
-    let last = values.last()?.0;
-    Some(shares.map(|share| {
-        let mut below = 0.0;
-        let found = values.iter().find(|v| {
-            below += v.1;
-            below >= share * all
-        });
-        found.map_or(last, |v| v.0)
-    }))
-}
-
 /// What another image shows on the same line.
 fn at<'a>(image: &'a Image, seen: &Seen) -> Option<&'a Seen> {
     index(image, seen).map(|i| &image.seen[i])
@@ -404,7 +269,7 @@ mod tests {
             amplitude: flux / f64::from(width_px),
             width_px,
             lopsided: 0.0,
-            unbent: None,
+            unbent_px: 0.0,
         }
     }
 
@@ -481,18 +346,26 @@ mod tests {
             }
         }
 
-        // Bent along itself: each image by itself took all of the width for the lens's.
-        const BEND: f64 = 0.02;
+        // Bent along itself, too, whatever each image by itself took back.
+        const BEND: f64 = 0.01;
+        let curve = |line: usize| BEND * (line as f64 - 4.0).powi(2);
         let mut bent = images.clone();
-        for seen in bent.iter_mut().flat_map(|image| &mut image.seen) {
-            let square = f64::from(seen.width_px).powi(2);
-            seen.position_px += (LENS_PX.powi(2) - square) * BEND;
-            seen.unbent = Some((square * BEND, [square; 2]));
+        for image in &mut bent {
+            let (sheet_px2, lens_px2) =
+                ((TAU_V * first(image.voltage_v)).powi(2), LENS_PX.powi(2) + PIXEL_PX2);
+            for seen in &mut image.seen {
+                let slope = 2.0 * BEND * (seen.line as f64 - 4.0);
+                seen.width_px = (sheet_px2 + lens_px2 * (1.0 + slope * slope) - PIXEL_PX2).sqrt() as f32;
+                seen.amplitude = 100.0 * (GROWTH * image.voltage_v).exp() / f64::from(seen.width_px);
+                seen.unbent_px = 0.05;
+                seen.position_px += curve(seen.line) + BEND * lens_px2 - seen.unbent_px;
+            }
         }
         for (image, verdicts) in bent.iter().zip(&judge(&bent)) {
             for verdict in verdicts {
-                let off = verdict.expect("believed").position_px - centre(image.voltage_v);
-                assert!(off.abs() < 2e-3, "{off}");
+                let seen = verdict.expect("believed");
+                let off = seen.position_px - centre(image.voltage_v) - curve(seen.line);
+                assert!(off.abs() < 1.5e-3, "{off}");
             }
         }
 
@@ -519,6 +392,31 @@ mod tests {
         images.truncate(21);
         let after = judge(&images)[20][7].expect("believed");
         assert!(before < 0.04 && after.sigma_px > 0.2 && after.sigma_px < TAU_V * 30.0, "{after:?}");
+    }
+
+    /// Of a pipe along the sweep every image shows the same arc: no two images differ, but an arc's lines do.
+    #[test]
+    fn widths_along_a_bent_stripe_tell_the_sheets_thickness() {
+        const LENS_PX: f64 = 0.8;
+        for tau_v in [0.0, 0.01, 0.03] {
+            let stripe = |n: usize| {
+                let one = |line: usize| {
+                    let y = line as f64 - 30.0;
+                    let slope: f64 = 0.05 * y;
+                    let square =
+                        (tau_v * 30.0_f64).powi(2) + (LENS_PX.powi(2) + PIXEL_PX2) * (1.0 + slope * slope);
+                    let width = (square - PIXEL_PX2).sqrt() as f32;
+                    seen(line, 1.2 * n as f64 + 0.025 * y * y, width, 100.0)
+                };
+                Image { voltage_v: 0.04 * n as f64, seen: (0..60).map(one).collect() }
+            };
+            let images: Vec<Image> = (0..12).map(stripe).collect();
+            let all: Vec<_> = (0..images.len()).map(|n| derivatives(&images, n, 5.0)).collect();
+            let found = Thickness::of(&images, &all, 5.0);
+            let off = (found.v2 - tau_v * tau_v).abs();
+            assert!(off < 0.02 * tau_v * tau_v + 1e-6, "{found:?} for {tau_v}");
+            assert!(found.sigma_v2 < 0.1 * 0.01 * 0.01, "{found:?}");
+        }
     }
 
     /// On a flat wall whose brightness falls off, 30 px and a factor of e a volt, no width tells the sheet from the lens: half of it is taken for the

@@ -1,0 +1,180 @@
+//! How a stripe's centre and its light change from image to image, and along the stripe.
+
+use super::{Image, Seen, at};
+use nalgebra::{Matrix3, Vector3};
+use std::ops::Range;
+
+/// Change of ln light from one image or line to the next beyond which the surface's brightness has an edge, whose light does not mix evenly.
+const EDGE_STEP: f64 = 0.5;
+/// Ratio of the voltage's steps before and after up to which differences tell derivatives.
+const UNEVEN: f64 = 2.0;
+/// Lines to either side over which derivatives are averaged, and how many of them must have some.
+pub(super) const SMOOTH: usize = 4;
+const LEAST_SMOOTH: usize = 5;
+/// Lines to either side that a stripe's curve is fitted to, fewest first; how many of them it takes; and sigmas of chi-square beyond which a curve over more
+/// lines does not fit.
+const BEND: [usize; 3] = [3, 6, 12];
+const LEAST_BEND: usize = 4;
+const FITS_SIGMAS: f64 = 2.0;
+
+/// How centre and light change with the voltage.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Derivatives {
+    /// u′, px/V.
+    pub first: f64,
+    /// u″, px/V².
+    pub second: f64,
+    /// F′/F, 1/V.
+    pub growth: f64,
+    /// How u′ changes from line to line, px/V.
+    pub twist: f64,
+    /// From the images on one side alone.
+    pub outwards: bool,
+}
+
+/// How centre and light change from line to line.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Along {
+    /// Of the centre, px.
+    pub slope: f64,
+    /// Half of its second derivative, px.
+    pub bend: f64,
+    /// F′/F.
+    pub growth: f64,
+    /// Variance of the bend, px².
+    pub bend_px2: f64,
+}
+
+impl Along {
+    /// A parabola through the centres as they were seen, and a straight line through the logarithms of their light, about a centre: over as many lines as
+    /// they fit to within the noise, `sigma_px`. `None` where the surface soon ends to both sides.
+    pub fn at(image: &Image, i: usize, reach: f32, sigma_px: f64) -> Option<Self> {
+        let mut found = None;
+        let mut before = 0;
+        for lines in BEND {
+            let run = run(&image.seen, i, lines, reach);
+            if run.len() < LEAST_BEND || run.len() == before {
+                break;
+            }
+            before = run.len();
+            let (along, chi2) = Self::over(&image.seen[run], &image.seen[i], sigma_px)?;
+            let freedom = before as f64 - 3.0;
+            if found.is_some() && chi2 > freedom + FITS_SIGMAS * (2.0 * freedom).sqrt() {
+                break;
+            }
+            found = Some(along);
+        }
+        found
+    }
+
+    /// The curves through neighbours about a centre, and chi-square of the parabola.
+    fn over(near: &[Seen], about: &Seen, sigma_px: f64) -> Option<(Self, f64)> {
+        let place = |s: &Seen| {
+            let x = s.line as f64 - about.line as f64;
+            (
+                Vector3::new(1.0, x, x * x),
+                s.seen_px() - about.seen_px(),
+                f64::from(s.flux() / about.flux()).ln(),
+            )
+        };
+        let (mut normal, mut centres, mut light) = (Matrix3::zeros(), Vector3::zeros(), Vector3::zeros());
+        for (powers, centre, ln_light) in near.iter().map(place) {
+            normal += powers * powers.transpose();
+            centres += powers * centre;
+            light += powers * ln_light;
+        }
+        let inverse = normal.try_inverse()?;
+        let curve = inverse * centres;
+        let growth = (normal.m11 * light.y - normal.m12 * light.x)
+            / (normal.m11 * normal.m22 - normal.m12 * normal.m12);
+        let off = |s: &Seen| {
+            let (powers, centre, _) = place(s);
+            (centre - powers.dot(&curve)).powi(2)
+        };
+        let variance = sigma_px * sigma_px;
+        let along = Self { slope: curve.y, bend: curve.z, growth, bend_px2: inverse.m33 * variance };
+        Some((along, near.iter().map(off).sum::<f64>() / variance))
+    }
+}
+
+/// The centres within so many lines on the same surface.
+fn run(seen: &[Seen], i: usize, lines: usize, reach: f32) -> Range<usize> {
+    let joined = |a: &Seen, b: &Seen| {
+        b.line == a.line + 1
+            && (b.seen_px() - a.seen_px()).abs() as f32 <= reach
+            && f64::from(b.flux() / a.flux()).ln().abs() <= EDGE_STEP
+    };
+    let (mut first, mut last) = (i, i);
+    while first > 0 && i - first < lines && joined(&seen[first - 1], &seen[first]) {
+        first -= 1;
+    }
+    while last + 1 < seen.len() && last - i < lines && joined(&seen[last], &seen[last + 1]) {
+        last += 1;
+    }
+    first..last + 1
+}
+
+/// The derivatives at each centre of an image, from the images before and after, or from two on one side where the surface ends on the other, as at
+/// an object's outline; `None` where the surface or its brightness breaks off.
+pub(super) fn derivatives(images: &[Image], n: usize, reach: f32) -> Vec<Option<Derivatives>> {
+    let here = &images[n];
+    // An image so many further on, and its voltage from here.
+    let image = |by: isize| {
+        let other = images.get(n.checked_add_signed(by)?)?;
+        Some((other, other.voltage_v - here.voltage_v))
+    };
+    let [back2, back, on, on2] = [-2, -1, 1, 2].map(image);
+    let one = |seen: &Seen| {
+        // Its voltage, centre and ln light from here, where the surface goes on to there.
+        let joined = |other: Option<(&Image, f64)>, from: &Seen| {
+            let (image, voltage_v) = other?;
+            let other = at(image, seen)?;
+            let step = (other.position_px - from.position_px).abs() as f32;
+            let even = f64::from(other.flux() / from.flux()).ln().abs() <= EDGE_STEP;
+            (step <= reach && even).then_some((voltage_v, *other))
+        };
+        let (a, b, outwards) = match (joined(back, seen), joined(on, seen)) {
+            (Some(a), Some(b)) => (a, b, false),
+            (Some(a), None) => (a, joined(back2, &a.1)?, true),
+            (None, Some(b)) => (b, joined(on2, &b.1)?, true),
+            (None, None) => return None,
+        };
+        // Steps from each of the three to the next.
+        let steps = if outwards { [a.0, b.0 - a.0] } else { [-a.0, b.0] }.map(f64::abs);
+        if !(steps[0] > 0.0 && steps[1] > 0.0 && steps[0].max(steps[1]) <= UNEVEN * steps[0].min(steps[1])) {
+            return None;
+        }
+        // Newton's parabola through here and both.
+        let parabola = |of: fn(&Seen) -> f64| {
+            let [to_a, to_b] = [a, b].map(|(v, other)| (of(&other) - of(seen)) / v);
+            let second = (to_b - to_a) / (b.0 - a.0);
+            (to_a - second * a.0, 2.0 * second)
+        };
+        let (first, second) = parabola(|s| s.position_px);
+        let (growth, _) = parabola(|s| f64::from(s.flux()).ln());
+        Some(Derivatives { first, second, growth, twist: 0.0, outwards })
+    };
+    here.seen.iter().map(one).collect()
+}
+
+/// Mean of the derivatives over neighbouring lines that tell them alike: a single one carries its own centre's noise, which would be fed back.
+pub(super) fn smooth(image: &Image, derivatives: &[Option<Derivatives>], i: usize) -> Option<Derivatives> {
+    let line = image.seen[i].line;
+    let own = derivatives[i]?;
+    let near = i.saturating_sub(SMOOTH)..(i + SMOOTH + 1).min(derivatives.len());
+    let (mut sum, mut count, mut ways) = ([0.0; 4], 0.0, [0.0; 2]);
+    for k in near.filter(|&k| image.seen[k].line.abs_diff(line) <= SMOOTH) {
+        if let Some(d) = derivatives[k].filter(|d| d.outwards == own.outwards) {
+            let way = image.seen[k].line as f64 - line as f64;
+            sum = [sum[0] + d.first, sum[1] + d.second, sum[2] + d.growth, sum[3] + way * d.first];
+            ways = [ways[0] + way, ways[1] + way * way];
+            count += 1.0;
+        }
+    }
+    let [first, second, growth, moment] = sum.map(|s| s / count);
+    let [way, square] = ways.map(|w| w / count);
+    (count >= LEAST_SMOOTH as f64).then(|| {
+        let twist = (moment - way * first) / (square - way * way);
+        Derivatives { first, second, growth, twist, ..own }
+    })
+}
