@@ -56,7 +56,7 @@ impl Tracer<'_> {
             let point = verdict.and_then(|seen| {
                 let pixel = Vector2::from(axis(across).uv(seen.line, seen.position_px));
                 let (point, slope) = trace(&pixel).map_err(|_| "no_intersection")?;
-                Ok(cloud_point(point, slope * seen.sigma_px, &seen, row, &pixel))
+                Ok(cloud_point(point, slope, &seen, row, &pixel))
             });
             match point {
                 Ok(point) => points.push(point),
@@ -82,14 +82,15 @@ fn central(
     Ok((trace(pixel)?, (at(HALF_STEP_PX)? - at(-HALF_STEP_PX)?) / (2.0 * HALF_STEP_PX)))
 }
 
-/// `along` is the point's standard deviation as a vector: the stripe's error moves it along the sheet.
+/// `slope`: the stripe's error moves the point along the sheet, mm/px.
 fn cloud_point(
     point: Vector3<f64>,
-    along: Vector3<f64>,
+    slope: Vector3<f64>,
     seen: &Seen,
     row: u32,
     pixel: &Vector2<f64>,
 ) -> CloudPoint {
+    let (along, shared) = (slope * seen.sigma_px, slope * seen.shared_px);
     let covariance = along * along.transpose();
     CloudPoint {
         position_mm: point.into(),
@@ -98,5 +99,6 @@ fn cloud_point(
         pixel: [pixel.x as f32, pixel.y as f32],
         sigma_mm: along.norm() as f32,
         covariance_mm2: [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|at| covariance[at] as f32),
+        shared_mm: [0, 1, 2].map(|axis| shared[axis] as f32),
     }
 }

@@ -43,6 +43,8 @@ pub struct CloudPoint {
     pub sigma_mm: f32,
     /// Covariance of the measurement [xx, xy, xz, yy, yz, zz], mm².
     pub covariance_mm2: [f32; 6],
+    /// What of its error all points of the sweep share: its step, mm, where that is off by one standard deviation.
+    pub shared_mm: [f32; 3],
 }
 
 /// A point cloud in millimetres: positions, and attributes that each either exist for all points or for none.
@@ -58,6 +60,7 @@ pub struct PointCloud {
     pixels: Option<Vec<[f32; 2]>>,
     sigmas_mm: Option<Vec<f32>>,
     covariances_mm2: Option<Vec<[f32; 6]>>,
+    shared_mm: Option<Vec<[f32; 3]>>,
     normals: Option<Vec<[f32; 3]>>,
     deviations_mm: Option<Vec<f32>>,
     colors: Option<Vec<[u8; 3]>>,
@@ -105,6 +108,7 @@ impl PointCloud {
             pixels: Some(points.iter().map(|p| p.pixel).collect()),
             sigmas_mm: Some(points.iter().map(|p| p.sigma_mm).collect()),
             covariances_mm2: Some(points.iter().map(|p| p.covariance_mm2).collect()),
+            shared_mm: Some(points.iter().map(|p| p.shared_mm).collect()),
             ..Self::default()
         }
     }
@@ -123,6 +127,12 @@ impl PointCloud {
         with_covariances_mm2,
         [f32; 6],
         "the measurement's covariance [xx, xy, xz, yy, yz, zz], mm²"
+    );
+    attribute!(
+        shared_mm,
+        with_shared_mm,
+        [f32; 3],
+        "what of the points' error they share: each one's step, mm, where that is off by one standard deviation (part of the covariance, too)"
     );
     attribute!(
         normals,
@@ -154,6 +164,7 @@ impl PointCloud {
             pixels: of(self.pixels.as_ref(), points),
             sigmas_mm: of(self.sigmas_mm.as_ref(), points),
             covariances_mm2: of(self.covariances_mm2.as_ref(), points),
+            shared_mm: of(self.shared_mm.as_ref(), points),
             normals: of(self.normals.as_ref(), points),
             deviations_mm: of(self.deviations_mm.as_ref(), points),
             colors: of(self.colors.as_ref(), points),
@@ -178,6 +189,7 @@ impl PointCloud {
             pixels: None,
             sigmas_mm: all(clouds, Self::sigmas_mm),
             covariances_mm2: all(clouds, Self::covariances_mm2),
+            shared_mm: all(clouds, Self::shared_mm),
             normals: all(clouds, Self::normals),
             deviations_mm: all(clouds, Self::deviations_mm),
             colors: all(clouds, Self::colors),
@@ -224,6 +236,7 @@ impl PointCloud {
         check("pixel", self.pixels.iter().flatten(), |v| v.iter().all(|c| c.is_finite()))?;
         check("sigma", self.sigmas_mm.iter().flatten(), |v| v.is_finite())?;
         check("covariance", self.covariances_mm2.iter().flatten(), |v| v.iter().all(|c| c.is_finite()))?;
+        check("shared error", self.shared_mm.iter().flatten(), |v| v.iter().all(|c| c.is_finite()))?;
         check("normal", self.normals.iter().flatten(), |v| v.iter().all(|c| c.is_finite()))
     }
 
@@ -253,8 +266,8 @@ impl PointCloud {
         for covariance in self.covariances_mm2.iter_mut().flatten() {
             *covariance = packed(&(rotation * unpacked(covariance) * rotation.transpose()));
         }
-        for normal in self.normals.iter_mut().flatten() {
-            *normal = turned(&rotation, normal);
+        for direction in self.normals.iter_mut().flatten().chain(self.shared_mm.iter_mut().flatten()) {
+            *direction = turned(&rotation, direction);
         }
         self.frame = frame;
         self

@@ -1,5 +1,6 @@
 //! How far points lie from a fitted shape, and how the shape follows them.
 
+use crate::cloud::PointCloud;
 use crate::floor::Floor;
 use nalgebra::{DMatrix, Matrix3xX};
 
@@ -118,6 +119,12 @@ impl Influence {
             point.gain = (jacobian * nalgebra::DVector::from_column_slice(&point.gain)).as_slice().to_vec();
         }
         self
+    }
+
+    /// Returns the step of the parameters where what the cloud's points share is off by one standard deviation; `None` of a cloud that tells none.
+    pub(crate) fn shared(&self, cloud: &PointCloud) -> Option<DMatrix<f64>> {
+        let shared = cloud.shared_mm()?;
+        self.sensitivity(1, |index| Some(Matrix3xX::from_column_slice(&shared.get(index)?.map(f64::from))))
     }
 
     /// Returns the derivatives of the parameters (rows) by what moves the points (columns): `per_cause` gives the derivatives of

@@ -28,6 +28,9 @@
 //! of neighbours, Σ (Σ g r / v)(Σ g r / v)ᵀ (K.-Y. Liang, S. Zeger, Biometrika 73 (1986) 13), and takes its place in those directions
 //! in which it is larger than chance lets the largest eigenvalue of so many blocks be (V. Marchenko, L. Pastur, 1967).
 //!
+//! What the points of a cloud are known to share ([`PointCloud::shared_mm`](crate::PointCloud::shared_mm)) is a step of each of them, and of the parameters by
+//! their [`Influence`]; its square is added.
+//!
 //! *Undetermined shapes.* Noise moves the feet, hence g, and feigns information: Σ G Q Gᵀ / v on average, with G = ∂g/∂q and
 //! Q the covariance of the foot along the surface. Where that reaches half of A in any direction, the points do not
 //! determine the shape and there is no result; below that it is taken off A.
@@ -409,13 +412,13 @@ fn covariance<S: Surface<P>, const P: usize>(
         return Err(undetermined(noise_share.min(1.0)));
     }
     let inverse = (information - feigned).try_inverse().ok_or_else(|| undetermined(noise_share))?;
-    let influence = influence(sample, feet, inliers, &(feigned / inliers.len().max(1) as f64))
+    let (influence, shared) = influence(sample, feet, inliers, &(feigned / inliers.len().max(1) as f64))
         .ok_or_else(|| undetermined(noise_share))?;
     let scatter = with_shared_errors(scatter, sample, feet, inliers);
     let dof = inliers.iter().map(|&i| feet[i].each().count()).sum::<usize>().saturating_sub(P);
     let widening =
         if sample.has_covariances && floor.scale <= 1.0 { 1.0 } else { student_widening(dof).powi(2) };
-    let covariance = inverse * scatter * inverse * widening;
+    let covariance = inverse * scatter * inverse * widening + shared * shared.transpose();
     if !covariance.iter().all(|c| c.is_finite()) {
         return Err(undetermined(noise_share));
     }
@@ -423,26 +426,32 @@ fn covariance<S: Surface<P>, const P: usize>(
 }
 
 /// Returns how the parameters follow the points: by the implicit function theorem on Σ g r / v = 0, a point's step δ moves
-/// them by −A⁻¹ g nᵀδ / v. Every so many-th point stands for its neighbours.
+/// them by −A⁻¹ g nᵀδ / v. Every so many-th point stands for its neighbours. Besides, how they follow what the points share.
 fn influence<const P: usize>(
     sample: &Sample,
     feet: &[Feet<P>],
     inliers: &[usize],
     feigned_a_point: &SMatrix<f64, P, P>,
-) -> Option<Influence> {
+) -> Option<(Influence, SVector<f64, P>)> {
     let chosen = || inliers.iter().step_by(inliers.len().div_ceil(INFLUENTIAL).max(1));
     let mut information = SMatrix::<f64, P, P>::zeros();
     for foot in chosen().flat_map(|&i| feet[i].each()) {
         information += foot.gradient * foot.gradient.transpose() / foot.variance_mm2;
     }
     let inverse = (information - feigned_a_point * chosen().count() as f64).try_inverse()?;
-    let one = |(&i, foot): (&usize, &Foot<P>)| InfluencePoint {
-        index: sample.observations[i].index,
-        normal: foot.normal.into(),
-        gain: (-(inverse * foot.gradient) / foot.variance_mm2).iter().copied().collect(),
+    let mut shared = SVector::<f64, P>::zeros();
+    let one = |(&i, foot): (&usize, &Foot<P>)| {
+        let observation = &sample.observations[i];
+        let gain = -(inverse * foot.gradient) / foot.variance_mm2;
+        shared += gain * foot.normal.dot(&observation.shared);
+        InfluencePoint {
+            index: observation.index,
+            normal: foot.normal.into(),
+            gain: gain.iter().copied().collect(),
+        }
     };
-    let points = chosen().flat_map(|i| feet[*i].each().map(move |foot| (i, foot))).map(one);
-    Some(Influence { points: points.collect() })
+    let points = chosen().flat_map(|i| feet[*i].each().map(move |foot| (i, foot))).map(one).collect();
+    Some((Influence { points }, shared))
 }
 
 /// Returns the scatter of Σ g r / v, larger where blocks of neighbours on a stripe show more of it than single points.

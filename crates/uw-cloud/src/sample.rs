@@ -18,6 +18,8 @@ pub(crate) struct Observation {
     pub(crate) axes: Matrix3<f64>,
     /// Variances along them, mm².
     pub(crate) variances: Vector3<f64>,
+    /// Its step where the error that all points share is off by one standard deviation, mm.
+    pub(crate) shared: Vector3<f64>,
     /// The image that it was seen in.
     pub(crate) image: Option<u32>,
     /// Which point of the cloud it is.
@@ -27,7 +29,14 @@ pub(crate) struct Observation {
 impl Observation {
     /// Returns a position without anything else.
     pub(crate) fn at(point: Vector3<f64>) -> Self {
-        Self { point, axes: Matrix3::identity(), variances: Vector3::zeros(), image: None, index: 0 }
+        Self {
+            point,
+            axes: Matrix3::identity(),
+            variances: Vector3::zeros(),
+            shared: Vector3::zeros(),
+            image: None,
+            index: 0,
+        }
     }
 
     /// Returns whether nothing is told of its errors.
@@ -96,6 +105,7 @@ impl Sample {
                 point: position - centre,
                 axes: Matrix3::identity(),
                 variances: Vector3::zeros(),
+                shared: cloud.shared_mm().map_or_else(Vector3::zeros, |all| all[index].map(f64::from).into()),
                 image: cloud.frame_rows().map(|rows| rows[index]),
                 index,
             };

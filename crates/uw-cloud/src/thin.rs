@@ -19,7 +19,7 @@ pub fn thinned(cloud: &PointCloud, spacing_mm: f64) -> Vec<usize> {
 /// number of them is better than their mean covariance. Points of different images err each on its own: of n images in equal parts the
 /// variance is an n-th. A cloud without frame rows (a merged one) is taken as one image. Where the points of a cube scatter about their
 /// plane by more than their own sigmas, for the surface curves or two sweeps lie beside each other, that is added along the plane's
-/// normal. Intensities are means, frame rows and pixels those of the point nearest to the middle, normals are dropped with deviations and colours.
+/// normal. Intensities are means, frame rows and pixels those of the point nearest to the middle, shared errors are means, normals are dropped with deviations and colours.
 pub fn averaged(cloud: &PointCloud, spacing_mm: f64) -> PointCloud {
     let cells = cells(cloud, spacing_mm);
     let groups: Vec<Vec<usize>> = cells.into_values().collect();
@@ -38,6 +38,14 @@ pub fn averaged(cloud: &PointCloud, spacing_mm: f64) -> PointCloud {
     }
     if let Some(values) = cloud.pixels() {
         made = with(made.clone(), made.with_pixels(nearest.iter().map(|&i| values[i]).collect()));
+    }
+    if let Some(values) = cloud.shared_mm() {
+        let mean = |points: &Vec<usize>| {
+            let part =
+                |axis: usize| points.iter().map(|&i| values[i][axis]).sum::<f32>() / points.len() as f32;
+            [0, 1, 2].map(part)
+        };
+        made = with(made.clone(), made.with_shared_mm(groups.iter().map(mean).collect()));
     }
     if cloud.covariances_mm2().is_some() || cloud.sigmas_mm().is_some() {
         let all: Vec<Matrix3<f64>> = groups.iter().map(|points| covariance(cloud, points)).collect();

@@ -56,6 +56,8 @@ impl Column<'_> {
 
 /// The covariance's columns, in the cloud's order.
 const COVARIANCE: [&str; 6] = ["cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz"];
+/// The columns of shared errors.
+const SHARED: [&str; 3] = ["shared_x", "shared_y", "shared_z"];
 /// The columns of normals and of colours.
 const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
 const COLOR: [&str; 3] = ["red", "green", "blue"];
@@ -79,6 +81,9 @@ pub(crate) fn of(cloud: &PointCloud) -> Vec<(&'static str, Column<'_>)> {
     columns.extend(cloud.sigmas_mm().map(|v| float("sigma", |i| v[i])));
     if let Some(v) = cloud.covariances_mm2() {
         columns.extend(COVARIANCE.into_iter().enumerate().map(|(at, name)| float(name, move |i| v[i][at])));
+    }
+    if let Some(v) = cloud.shared_mm() {
+        columns.extend(SHARED.into_iter().enumerate().map(|(at, name)| float(name, move |i| v[i][at])));
     }
     if let Some(v) = cloud.normals() {
         columns.extend(NORMAL.into_iter().enumerate().map(|(at, name)| float(name, move |i| v[i][at])));
@@ -121,6 +126,7 @@ pub(crate) struct Gather {
     pixel: Option<([usize; 2], Vec<[f32; 2]>)>,
     sigma: Option<(usize, Vec<f32>)>,
     covariance: Option<([usize; 6], Vec<[f32; 6]>)>,
+    shared: Option<([usize; 3], Vec<[f32; 3]>)>,
     normal: Option<([usize; 3], Vec<[f32; 3]>)>,
     deviation: Option<(usize, Vec<f32>)>,
     color: Option<([usize; 3], Vec<[u8; 3]>)>,
@@ -151,6 +157,7 @@ impl Gather {
             pixel: all(["u", "v"].map(find)).map(|at| (at, Vec::with_capacity(room))),
             sigma: find("sigma").map(|at| (at, Vec::with_capacity(room))),
             covariance: all(COVARIANCE.map(find)).map(|at| (at, Vec::with_capacity(room))),
+            shared: all(SHARED.map(find)).map(|at| (at, Vec::with_capacity(room))),
             normal: all(NORMAL.map(find)).map(|at| (at, Vec::with_capacity(room))),
             deviation: find("deviation").map(|at| (at, Vec::with_capacity(room))),
             color: all(COLOR.map(find)).map(|at| (at, Vec::with_capacity(room))),
@@ -192,8 +199,8 @@ impl Gather {
                 self.color = None;
             }
         }
-        if let Some((at, normals)) = &mut self.normal {
-            normals.push(at.map(|at| row[at] as f32));
+        for (at, values) in [&mut self.normal, &mut self.shared].into_iter().flatten() {
+            values.push(at.map(|at| row[at] as f32));
         }
         for (at, values) in [&mut self.intensity, &mut self.sigma, &mut self.deviation].into_iter().flatten()
         {
@@ -250,6 +257,9 @@ impl Gather {
         }
         if let Some((_, values)) = self.covariance {
             cloud = cloud.with_covariances_mm2(values).map_err(failed)?;
+        }
+        if let Some((_, values)) = self.shared {
+            cloud = cloud.with_shared_mm(values).map_err(failed)?;
         }
         if let Some((_, values)) = self.normal {
             cloud = cloud.with_normals(values).map_err(failed)?;

@@ -54,6 +54,8 @@ pub(crate) struct Seen {
     pub position_px: f64,
     /// Its standard deviation, px.
     pub sigma_px: f64,
+    /// What of that the whole sweep shares, px: a step to this side here is one to that side there, by their signs.
+    pub shared_px: f64,
     /// Peak height, DN.
     pub amplitude: f64,
     /// Standard deviation of the cross section, px.
@@ -71,6 +73,7 @@ impl Seen {
             line: m.line,
             position_px: m.position_px,
             sigma_px: m.sigma_px,
+            shared_px: 0.0,
             amplitude: m.amplitude,
             width_px: stripe.width_px[m.line],
             lopsided: lopsided(stripe, m.line),
@@ -185,7 +188,8 @@ pub(crate) fn judge(images: &[Image]) -> Vec<Verdicts> {
                 seen.sigma_px = seen.sigma_px.hypot(noise_px);
             }
             let unsure = if d.outwards { UNSURE_OUTWARDS } else { UNSURE };
-            seen.sigma_px = seen.sigma_px.hypot(unsure * shift).hypot(otherwise - shift);
+            seen.shared_px = (unsure * shift).hypot(otherwise - shift).copysign(shift);
+            seen.sigma_px = seen.sigma_px.hypot(seen.shared_px);
         } else {
             seen.sigma_px = seen.sigma_px.hypot(untold(images, n, &seen, reach, thickness.v2));
         }
@@ -266,6 +270,7 @@ mod tests {
             line,
             position_px,
             sigma_px: 0.03,
+            shared_px: 0.0,
             amplitude: flux / f64::from(width_px),
             width_px,
             lopsided: 0.0,

@@ -31,7 +31,7 @@ pub struct Relations {
 
 /// Returns distances and angles between all pairs of shapes.
 ///
-/// The fits' errors are independent, as no two shapes share a point. `shared`, one matrix a shape, has the derivatives of its
+/// The fits' errors are independent, as no two shapes share a point, but for what the cloud says that its points share ([`PointCloud::shared_mm`]). `shared`, one matrix a shape, has the derivatives of its
 /// parameters (in the order of [`ShapeFit::covariance`]) by what moves all points alike, in units of its sigma and independent of
 /// each other: what it contributes to both shapes cancels in a distance where it moves them together.
 pub fn relations(cloud: &PointCloud, shapes: &[Shape], shared: Option<&[DMatrix<f64>]>) -> Relations {
@@ -124,8 +124,12 @@ impl Pair<'_> {
             })
         };
         let (j, k) = (slope(true), slope(false));
-        let own = (&j * self.one.fit.covariance() * j.transpose())[0]
+        let alone = (&j * self.one.fit.covariance() * j.transpose())[0]
             + (&k * self.other.fit.covariance() * k.transpose())[0];
+        // In the covariance of each, and with the same sign in both.
+        let step = |shape: &Shape| shape.fit.influence().shared(self.cloud);
+        let both = step(self.one).zip(step(self.other)).map_or(0.0, |(a, b)| (&j * a)[0] * (&k * b)[0]);
+        let own = alone + 2.0 * both;
         let total = self.shared.and_then(|shared| {
             let common = &j * shared.get(self.a)? + &k * shared.get(self.b)?;
             Some((own + common.norm_squared()).max(0.0).sqrt())

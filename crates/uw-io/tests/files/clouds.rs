@@ -34,6 +34,7 @@ fn cloud() -> PointCloud {
         pixel: [n, 1.0 / 3.0],
         sigma_mm: 0.01,
         covariance_mm2: [1e-4, n, 0.0, 2e-4, -3e-9, f32::MIN_POSITIVE],
+        shared_mm: [1e-3, 2e-3, -3e-3],
     };
     PointCloud::from_points(Frame::Galvo, &[point(0.0), point(7.0), point(143.0)])
 }

@@ -47,6 +47,7 @@ fn record(cloud: &PointCloud) -> Record {
         ("pixel", cloud.pixels().is_some()),
         ("sigma", cloud.sigmas_mm().is_some()),
         ("covariance", cloud.covariances_mm2().is_some()),
+        ("shared", cloud.shared_mm().is_some()),
         ("normal", cloud.normals().is_some()),
         ("deviation", cloud.deviations_mm().is_some()),
         ("color", cloud.colors().is_some()),
