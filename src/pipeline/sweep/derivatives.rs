@@ -16,6 +16,8 @@ const LEAST_SMOOTH: usize = 5;
 const BEND: [usize; 3] = [3, 6, 12];
 const LEAST_BEND: usize = 4;
 const FITS_SIGMAS: f64 = 2.0;
+/// Lines to either side that the change of its light is taken from.
+const LIGHT: usize = 2;
 
 /// How centre and light change with the voltage.
 #[derive(Clone, Copy, Debug)]
@@ -46,55 +48,62 @@ pub(super) struct Along {
 }
 
 impl Along {
-    /// A parabola through the centres as they were seen, and a straight line through the logarithms of their light, about a centre: over as many lines as
-    /// they fit to within the noise, `sigma_px`. `None` where the surface soon ends to both sides.
+    /// A parabola through the centres as they were seen, over as many lines about one of them as it fits to within the noise, `sigma_px`, and a straight line through
+    /// the logarithms of their light, over few: where a stripe ends it changes soon. `None` where the surface soon ends to both sides.
     pub fn at(image: &Image, i: usize, reach: f32, sigma_px: f64) -> Option<Self> {
-        let mut found = None;
+        let (seen, about) = (&image.seen, &image.seen[i]);
+        let variance = sigma_px * sigma_px;
+        let mut found: Option<Self> = None;
         let mut before = 0;
         for lines in BEND {
-            let run = run(&image.seen, i, lines, reach);
-            if run.len() < LEAST_BEND || run.len() == before {
+            let near = &seen[run(seen, i, lines, reach)];
+            if near.len() < LEAST_BEND || near.len() == before {
                 break;
             }
-            before = run.len();
-            let (along, chi2) = Self::over(&image.seen[run], &image.seen[i], sigma_px)?;
+            before = near.len();
+            let (curve, inverse) = parabola(near, about)?;
+            let off = |s: &Seen| s.seen_px() - about.seen_px() - powers(way(s, about)).dot(&curve);
+            let chi2 = near.iter().map(|s| off(s).powi(2)).sum::<f64>() / variance;
             let freedom = before as f64 - 3.0;
             if found.is_some() && chi2 > freedom + FITS_SIGMAS * (2.0 * freedom).sqrt() {
                 break;
             }
-            found = Some(along);
+            let growth = found.map_or_else(|| growth(near, about), |shorter| shorter.growth);
+            found = Some(Self { slope: curve.y, bend: curve.z, growth, bend_px2: inverse.m33 * variance });
         }
         found
     }
+}
 
-    /// The curves through neighbours about a centre, and chi-square of the parabola.
-    fn over(near: &[Seen], about: &Seen, sigma_px: f64) -> Option<(Self, f64)> {
-        let place = |s: &Seen| {
-            let x = s.line as f64 - about.line as f64;
-            (
-                Vector3::new(1.0, x, x * x),
-                s.seen_px() - about.seen_px(),
-                f64::from(s.flux() / about.flux()).ln(),
-            )
-        };
-        let (mut normal, mut centres, mut light) = (Matrix3::zeros(), Vector3::zeros(), Vector3::zeros());
-        for (powers, centre, ln_light) in near.iter().map(place) {
-            normal += powers * powers.transpose();
-            centres += powers * centre;
-            light += powers * ln_light;
-        }
-        let inverse = normal.try_inverse()?;
-        let curve = inverse * centres;
-        let growth = (normal.m11 * light.y - normal.m12 * light.x)
-            / (normal.m11 * normal.m22 - normal.m12 * normal.m12);
-        let off = |s: &Seen| {
-            let (powers, centre, _) = place(s);
-            (centre - powers.dot(&curve)).powi(2)
-        };
-        let variance = sigma_px * sigma_px;
-        let along = Self { slope: curve.y, bend: curve.z, growth, bend_px2: inverse.m33 * variance };
-        Some((along, near.iter().map(off).sum::<f64>() / variance))
+/// Lines from a centre to another.
+fn way(seen: &Seen, about: &Seen) -> f64 {
+    seen.line as f64 - about.line as f64
+}
+
+fn powers(x: f64) -> Vector3<f64> {
+    Vector3::new(1.0, x, x * x)
+}
+
+/// Coefficients of the parabola through centres about one of them, by rising powers, and the inverse of its normal equations' matrix.
+fn parabola(near: &[Seen], about: &Seen) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for seen in near {
+        let powers = powers(way(seen, about));
+        normal += powers * powers.transpose();
+        right += powers * (seen.seen_px() - about.seen_px());
     }
+    let inverse = normal.try_inverse()?;
+    Some((inverse * right, inverse))
+}
+
+/// F′/F by a straight line through the logarithms of light about a centre.
+fn growth(near: &[Seen], about: &Seen) -> f64 {
+    let [mut count, mut x, mut y, mut xx, mut xy] = [0.0; 5];
+    for seen in near.iter().filter(|s| s.line.abs_diff(about.line) <= LIGHT) {
+        let (way, light) = (way(seen, about), f64::from(seen.flux() / about.flux()).ln());
+        (count, x, y, xx, xy) = (count + 1.0, x + way, y + light, xx + way * way, xy + way * light);
+    }
+    (count * xy - x * y) / (count * xx - x * x)
 }
 
 /// The centres within so many lines on the same surface.
