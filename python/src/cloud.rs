@@ -30,6 +30,9 @@ use uwscan::io::clouds;
 ///     Standard deviation along the least certain direction, (n,), mm.
 /// covariance_mm2 : array_like, optional
 ///     Covariance of each measurement, (n, 3, 3), or (n, 6) as xx, xy, xz, yy, yz, zz, mm².
+/// shared_mm : array_like, optional
+///     What of their error all points share: each one's step where that is off by one standard deviation, (n, 3), mm. Part of
+///     the covariance, too.
 ///
 /// Raises
 /// ------
@@ -70,6 +73,7 @@ impl Cloud {
         pixel: "numpy.typing.ArrayLike | None" = None,
         sigma_mm: "numpy.typing.ArrayLike | None" = None,
         covariance_mm2: "numpy.typing.ArrayLike | None" = None,
+        shared_mm: "numpy.typing.ArrayLike | None" = None,
     ))]
     #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
@@ -80,6 +84,7 @@ impl Cloud {
         pixel: Option<&Bound<'_, PyAny>>,
         sigma_mm: Option<&Bound<'_, PyAny>>,
         covariance_mm2: Option<&Bound<'_, PyAny>>,
+        shared_mm: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let py = points_mm.py();
         let frame = Frame::from_name(frame)
@@ -113,6 +118,11 @@ impl Cloud {
         }
         if let Some(any) = covariance_mm2 {
             cloud = cloud.with_covariances_mm2(packed_covariances(any, n)?).or_raise(py)?;
+        }
+        if let Some(any) = shared_mm {
+            let steps: Vec<[f64; 3]> = row_arrays(&table("shared_mm", any, 3)?);
+            cloud =
+                cloud.with_shared_mm(steps.into_iter().map(|s| s.map(|c| c as f32)).collect()).or_raise(py)?;
         }
         Ok(Self::of(cloud))
     }
@@ -190,6 +200,13 @@ impl Cloud {
             Ok(array.into_any().unbind())
         };
         Ok(Some(Out::known(self.covariances.get_or_try_init(py, unpack)?.bind(py).clone())))
+    }
+
+    /// What of their error all points share, as that of the sheet's thickness: each one's step where that is off by one standard deviation, (n, 3)
+    /// float32, mm. It is part of the covariance, does not average out, and is in the sigmas of what is fitted. None where the cloud tells none.
+    #[getter]
+    fn shared_mm<'py>(slf: &Bound<'py, Self>) -> MaybeFloats<'py> {
+        slf.get().inner.shared_mm().map(|steps| lend_rows(slf.as_any(), steps)).transpose()
     }
 
     /// Unit normals of the surface, (n, 3) float32, towards the sensor; (0, 0, 0) where the neighbours tell none. None where the cloud has none:

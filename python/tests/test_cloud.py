@@ -30,10 +30,11 @@ def test_a_cloud_keeps_what_it_is_given(tmp_path):
     points = cap(50)
     covariance = np.tile(np.diag([1e-4, 4e-4, 9e-4]), (50, 1, 1))
     cloud = uwscan.Cloud(
-        points, intensity=np.arange(50), frame_index=range(50), pixel=points[:, :2], sigma_mm=0.03, covariance_mm2=covariance
+        points, intensity=np.arange(50), frame_index=range(50), pixel=points[:, :2], sigma_mm=0.03, covariance_mm2=covariance, shared_mm=points * 1e-4
     )
     np.testing.assert_array_equal(cloud.points_mm, points)
     np.testing.assert_allclose(cloud.covariance_mm2, covariance, rtol=1e-6)
+    np.testing.assert_allclose(cloud.shared_mm, points * 1e-4, rtol=1e-6)
     assert cloud.sigma_mm.tolist() == [np.float32(0.03)] * 50 and cloud.frame_index[-1] == 49
     half = cloud.select(cloud.points_mm[:, 0] > 0)
     np.testing.assert_array_equal(half.points_mm, points[points[:, 0] > 0])
@@ -43,10 +44,20 @@ def test_a_cloud_keeps_what_it_is_given(tmp_path):
     for name in ["cloud.ply", "cloud.csv", "cloud.xyz"]:
         cloud.save(tmp_path / name)
         np.testing.assert_allclose(uwscan.Cloud.load(tmp_path / name).points_mm, points, atol=1e-9)
+        np.testing.assert_array_equal(uwscan.Cloud.load(tmp_path / name).shared_mm, cloud.shared_mm)
     with pytest.raises(uwscan.FormatError, match="ends in"):
         cloud.save(tmp_path / "cloud.pcx")
     low, high = cloud.bounding_box_mm
     assert low == list(points.min(axis=0)) and high == list(points.max(axis=0))
+
+
+def test_what_all_points_share_does_not_average_out():
+    points, middle = cap(), np.array([0, 0, 700])
+    outwards = (points - middle) / 20
+    alone, shared = uwscan.Cloud(points, sigma_mm=0.01), uwscan.Cloud(points, sigma_mm=0.01, shared_mm=0.05 * outwards)
+    before, after = uwscan.fit_sphere(alone), uwscan.fit_sphere(shared)
+    assert after.radius_mm == pytest.approx(before.radius_mm, abs=1e-9)
+    assert after.sigma_radius_mm == pytest.approx(np.hypot(before.sigma_radius_mm, 0.05), rel=0.02)
 
 
 @pytest.mark.parametrize("name", ["cloud.las", "cloud.laz"])

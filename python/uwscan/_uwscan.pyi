@@ -457,6 +457,9 @@ class Cloud:
         Standard deviation along the least certain direction, (n,), mm.
     covariance_mm2 : array_like, optional
         Covariance of each measurement, (n, 3, 3), or (n, 6) as xx, xy, xz, yy, yz, zz, mm².
+    shared_mm : array_like, optional
+        What of their error all points share: each one's step where that is off by one standard deviation, (n, 3), mm. Part of
+        the covariance, too.
 
     Raises
     ------
@@ -471,7 +474,7 @@ class Cloud:
     (5, (5,), True)
     """
     def __len__(self, /) -> int: ...
-    def __new__(cls, /, points_mm: numpy.typing.ArrayLike, *, frame: str = "camera", intensity: numpy.typing.ArrayLike | None = None, frame_index: numpy.typing.ArrayLike | None = None, pixel: numpy.typing.ArrayLike | None = None, sigma_mm: numpy.typing.ArrayLike | None = None, covariance_mm2: numpy.typing.ArrayLike | None = None) -> Cloud: ...
+    def __new__(cls, /, points_mm: numpy.typing.ArrayLike, *, frame: str = "camera", intensity: numpy.typing.ArrayLike | None = None, frame_index: numpy.typing.ArrayLike | None = None, pixel: numpy.typing.ArrayLike | None = None, sigma_mm: numpy.typing.ArrayLike | None = None, covariance_mm2: numpy.typing.ArrayLike | None = None, shared_mm: numpy.typing.ArrayLike | None = None) -> Cloud: ...
     def __repr__(self, /) -> str: ...
     @property
     def bounding_box_mm(self, /) -> tuple[list[float], list[float]] | None:
@@ -556,6 +559,12 @@ class Cloud:
         ------
         IndexError
             As NumPy's indexing.
+        """
+    @property
+    def shared_mm(self, /) -> NDArray[float32] | None:
+        """
+        What of their error all points share, as that of the sheet's thickness: each one's step where that is off by one standard deviation, (n, 3)
+        float32, mm. It is part of the covariance, does not average out, and is in the sigmas of what is fitted. None where the cloud tells none.
         """
     @property
     def sigma_mm(self, /) -> NDArray[float32] | None:

@@ -127,7 +127,9 @@ pub fn demo(folder: &Path, progress: &dyn Progress) -> Result<Demo, Failure> {
 
     let began = Instant::now();
     let captures = CALIBRATIONS.map(|(name, _)| folder.join(name)).to_vec();
-    let calibrated = calibrate(&captures, &Calibrating { rig: None, method: Method::Joint }, progress)?.file;
+    let mut calibrated =
+        calibrate(&captures, &Calibrating { rig: None, method: Method::Joint }, progress)?.file;
+    name_from(folder, &mut calibrated);
     calibration_toml::write(&folder.join("calibration.toml"), Overwrite::Refuse, &calibrated)
         .map_err(|e| fail(e.into()))?;
     let scan = |name: &str| -> Result<Reconstructed, Failure> {
@@ -156,6 +158,18 @@ pub fn demo(folder: &Path, progress: &dyn Progress) -> Result<Demo, Failure> {
         simulating,
         working: began.elapsed(),
     })
+}
+
+/// Gives captures and images of a calibration the names that they have from a folder: it may be moved, or put in place only at the end.
+fn name_from(folder: &Path, file: &mut CalibrationFile) {
+    let statistics = &mut file.calibration.statistics;
+    let images = statistics.rejected.iter_mut().map(|image| &mut image.file);
+    let images = images.chain(statistics.worst.iter_mut().map(|image| &mut image.file));
+    for name in images.chain(file.captures.iter_mut().map(|capture| &mut capture.name)) {
+        if let Ok(inside) = Path::new(name.as_str()).strip_prefix(folder) {
+            *name = inside.display().to_string();
+        }
+    }
 }
 
 /// What the demo is made from, so that anybody can go on from there.

@@ -369,11 +369,15 @@ mod tests {
             let direction = Vector3::from(spread);
             let covariance = direction * direction.transpose();
             let cloud = PointCloud::new(Frame::Camera, vec![[0.0; 3], spread])
-                .with_covariances_mm2(vec![packed(&covariance); 2]).unwrap();
+                .with_covariances_mm2(vec![packed(&covariance); 2])
+                .and_then(|c| c.with_shared_mm(vec![spread.map(|c| c as f32); 2]))
+                .unwrap();
             let moved = cloud.transformed(Frame::Galvo, &motion);
             prop_assert_eq!(moved.frame(), Frame::Galvo);
             let after = moved.vector(1) - moved.vector(0);
             prop_assert!((after - motion.rotation * direction).norm() < 1e-12 * 1e3);
+            let step = Vector3::from(moved.shared_mm().unwrap()[1].map(f64::from));
+            prop_assert!((step - motion.rotation * direction).norm() < 1e-6);
             let rotated = unpacked(&moved.covariances_mm2().unwrap()[0]);
             prop_assert!((rotated - after * after.transpose()).amax() < COVARIANCE_ROUNDING_MM2);
         }

@@ -17,7 +17,7 @@ pub fn thinned(cloud: &PointCloud, spacing_mm: f64) -> Vec<usize> {
 ///
 /// What is told of the mean's error has two parts. Points of one image in a cube are neighbours on a stripe, whose errors hang together: no
 /// number of them is better than their mean covariance. Points of different images err each on its own: of n images in equal parts the
-/// variance is an n-th. A cloud without frame rows (a merged one) is taken as one image. Where the points of a cube scatter about their
+/// variance is an n-th, but for what all points share ([`PointCloud::shared_mm`]). A cloud without frame rows (a merged one) is taken as one image. Where the points of a cube scatter about their
 /// plane by more than their own sigmas, for the surface curves or two sweeps lie beside each other, that is added along the plane's
 /// normal. Intensities are means, frame rows and pixels those of the point nearest to the middle, shared errors are means, normals are dropped with deviations and colours.
 pub fn averaged(cloud: &PointCloud, spacing_mm: f64) -> PointCloud {
@@ -60,12 +60,15 @@ pub fn averaged(cloud: &PointCloud, spacing_mm: f64) -> PointCloud {
 
 /// The covariance of the mean of some points.
 fn covariance(cloud: &PointCloud, points: &[usize]) -> Matrix3<f64> {
+    let step =
+        |i: usize| cloud.shared_mm().map_or_else(Vector3::zeros, |all| Vector3::from(all[i].map(f64::from)));
     let own = |i: usize| match (cloud.covariances_mm2(), cloud.sigmas_mm()) {
-        (Some(all), _) => unpacked(&all[i]),
+        (Some(all), _) => unpacked(&all[i]) - step(i) * step(i).transpose(),
         (None, Some(sigmas)) => Matrix3::identity() * f64::from(sigmas[i]).powi(2),
         (None, None) => Matrix3::zeros(),
     };
     let count = points.len() as f64;
+    let shared = points.iter().map(|&i| step(i)).sum::<Vector3<f64>>() / count;
     let mut images: BTreeMap<u32, (f64, Matrix3<f64>)> = BTreeMap::new();
     for &i in points {
         let image = images.entry(cloud.frame_rows().map_or(0, |rows| rows[i])).or_default();
@@ -83,7 +86,7 @@ fn covariance(cloud: &PointCloud, points: &[usize]) -> Matrix3<f64> {
         let told = points.iter().map(|&i| normal.dot(&(own(i) * normal))).sum::<f64>() / count;
         sum += normal * normal.transpose() * (eigen.eigenvalues[least] - told).max(0.0);
     }
-    sum
+    sum + shared * shared.transpose()
 }
 
 /// Returns which points to keep so that a surface through them stays within `tolerance_mm` of those that are left out: cubes are halved
@@ -248,6 +251,10 @@ mod tests {
         };
         assert!((sigma_z(&cloud(&points, vec![7; 12])) - 0.1).abs() < 1e-6);
         assert!((sigma_z(&cloud(&points, (0..12).collect())) - 0.1 / 12_f64.sqrt()).abs() < 1e-6);
+        // What they share, 0.06 mm of the 0.1, stays.
+        let shared = cloud(&points, (0..12).collect()).with_shared_mm(vec![[0.0, 0.0, 0.06]; 12]).unwrap();
+        assert!((sigma_z(&shared).powi(2) - (0.0064 / 12.0 + 0.0036)).abs() < 1e-7);
+        assert_eq!(averaged(&shared, 10.0).shared_mm().unwrap(), [[0.0, 0.0, 0.06]]);
         points.iter_mut().step_by(2).for_each(|p| p[2] += 0.6);
         let layers = sigma_z(&cloud(&points, (0..12).collect()));
         assert!(layers > 0.25, "half of the layers' distance, {layers}");

@@ -32,8 +32,8 @@ pub enum Encoding {
 }
 
 /// Writes a cloud: `x y z` (double, mm), then as far as the cloud has them `intensity` (float), `frame` (int),
-/// `u v` (float), `sigma` (float, mm), `cov_xx cov_xy cov_xz cov_yy cov_yz cov_zz` (float, mm²); the frame and the
-/// unit in comments of the header.
+/// `u v` (float), `sigma` (float, mm), `cov_xx cov_xy cov_xz cov_yy cov_yz cov_zz` (float, mm²), `shared_x shared_y shared_z`
+/// (float, mm); the frame and the unit in comments of the header.
 ///
 /// # Errors
 /// As [`atomic::write`].

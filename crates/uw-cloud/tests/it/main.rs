@@ -12,4 +12,5 @@ mod registers;
 mod round_shapes;
 mod scene;
 mod shapes;
+mod shared;
 mod surfaces;

@@ -49,8 +49,9 @@ fn clouds() -> impl Strategy<Value = PointCloud> {
         prop::array::uniform2(number),
         number,
         prop::array::uniform6(number),
+        prop::array::uniform3(number),
     );
-    (prop::collection::vec(point, 1..30), any::<[bool; 6]>()).prop_map(|(points, given)| {
+    (prop::collection::vec(point, 1..30), any::<[bool; 7]>()).prop_map(|(points, given)| {
         let frame = if given[5] { Frame::Camera } else { Frame::Galvo };
         let mut cloud = PointCloud::new(frame, points.iter().map(|p| p.0).collect());
         if given[0] {
@@ -67,6 +68,9 @@ fn clouds() -> impl Strategy<Value = PointCloud> {
         }
         if given[4] {
             cloud = cloud.with_covariances_mm2(points.iter().map(|p| p.5).collect()).unwrap();
+        }
+        if given[6] {
+            cloud = cloud.with_shared_mm(points.iter().map(|p| p.6).collect()).unwrap();
         }
         cloud
     })
@@ -127,12 +131,12 @@ fn a_binary_ply_has_the_documented_header_and_layout() {
         ("double", "x y z"),
         ("float", "intensity"),
         ("int", "frame"),
-        ("float", "u v sigma cov_xx cov_xy cov_xz cov_yy cov_yz cov_zz"),
+        ("float", "u v sigma cov_xx cov_xy cov_xz cov_yy cov_yz cov_zz shared_x shared_y shared_z"),
     ] {
         names.split(' ').for_each(|name| expected += &format!("property {kind} {name}\n"));
     }
     assert_eq!(head, expected + "end_header\n");
-    const STRIDE: usize = 3 * 8 + 4 + 4 + 3 * 4 + 6 * 4;
+    const STRIDE: usize = 3 * 8 + 4 + 4 + 3 * 4 + 6 * 4 + 3 * 4;
     assert_eq!(bytes.len(), end + 3 * STRIDE);
     let second = &bytes[end + STRIDE..];
     assert_eq!(&second[8..16], (-1.0 / 3.0_f64).to_le_bytes());

@@ -41,6 +41,7 @@ fn is_same(a: &PointCloud, b: &PointCloud, tolerance_mm: f64) {
     assert_eq!(a.frame(), b.frame());
     assert_eq!((a.intensities(), a.frame_rows(), a.pixels()), (b.intensities(), b.frame_rows(), b.pixels()));
     assert_eq!((a.sigmas_mm(), a.covariances_mm2()), (b.sigmas_mm(), b.covariances_mm2()));
+    assert_eq!(a.shared_mm(), b.shared_mm());
     assert_eq!((a.normals(), a.deviations_mm(), a.colors()), (b.normals(), b.deviations_mm(), b.colors()));
 }
 
