@@ -121,8 +121,9 @@ impl Cloud {
         }
         if let Some(any) = shared_mm {
             let steps: Vec<[f64; 3]> = row_arrays(&table("shared_mm", any, 3)?);
-            cloud =
-                cloud.with_shared_mm(steps.into_iter().map(|s| s.map(|c| c as f32)).collect()).or_raise(py)?;
+            cloud = cloud
+                .with_shared_mm(steps.into_iter().map(|s| s.map(|c| c as f32)).collect())
+                .or_raise(py)?;
         }
         Ok(Self::of(cloud))
     }

@@ -13,6 +13,9 @@ pub(crate) use hoods::Hood;
 /// Points of a leaf at most. Neighbourhoods of a leaf's points are looked for together.
 const LEAF: usize = 12;
 
+/// Times as many points that are looked through for some of other images.
+const FURTHER: usize = 64;
+
 /// Points from which on work is shared among threads.
 pub(crate) const MANY: usize = 50_000;
 
@@ -115,6 +118,37 @@ impl Neighbours {
         let mut best = Vec::new();
         self.nearest_into(place_mm, count, &mut best);
         best.into_iter().map(|near| (near.distance2, near.index as usize)).collect()
+    }
+
+    /// Returns the points nearest to a place as [`Neighbours::nearest`], at most three quarters of them of one image (`rows` tells each point's): of a quick sweep,
+    /// whose stripes lie many times as far apart as their points, the nearest are all of one stripe.
+    pub(crate) fn nearest_of_several(
+        &self,
+        place_mm: &[f64; 3],
+        count: usize,
+        rows: &[u32],
+    ) -> Vec<(f64, usize)> {
+        let most = count - count / 4;
+        let mut asked = count;
+        loop {
+            let mut taken: Vec<(u32, usize)> = Vec::new();
+            let is_wanted = |&(_, i): &(f64, usize)| {
+                let row = rows[i];
+                let at = taken.iter().position(|(r, _)| *r == row).unwrap_or_else(|| {
+                    taken.push((row, 0));
+                    taken.len() - 1
+                });
+                taken[at].1 += 1;
+                taken[at].1 <= most
+            };
+            let near = self.nearest(place_mm, asked);
+            let (all, found) = (near.len() < asked, near.into_iter().filter(is_wanted).take(count));
+            let found: Vec<(f64, usize)> = found.collect();
+            if all || found.len() == count || asked >= FURTHER * count {
+                return found;
+            }
+            asked *= 4;
+        }
     }
 
     /// Fills `best` with the `count` points nearest to a place, the nearest first.

@@ -42,6 +42,20 @@ pub fn local_plane(
     })
 }
 
+/// Returns the plane through the neighbours of a place, as [`local_plane`], with some of them of other images than the nearest ones.
+pub(crate) fn local_plane_of_several(
+    positions_mm: &[[f64; 3]],
+    neighbours: &Neighbours,
+    rows: &[u32],
+    place_mm: &[f64; 3],
+    count: usize,
+    sensor_mm: &[f64; 3],
+) -> Option<LocalPlane> {
+    let near = neighbours.nearest_of_several(place_mm, count, rows);
+    let reach_mm = near.last()?.0.sqrt();
+    plane_of(near.iter().map(|&(_, i)| positions_mm[i]), place_mm, sensor_mm, reach_mm)
+}
+
 /// As many neighbours as are asked for first, and where these tell no plane.
 fn counts(count: usize) -> [usize; 2] {
     let few = count.max(4);

@@ -91,9 +91,7 @@ impl Seen {
     fn flux(&self) -> f32 {
         self.amplitude as f32 * self.width_px
     }
-}
 
-impl Seen {
     /// Undoes what the image by itself took back.
     fn bend_again(&mut self) {
         let unsure_px = f64::from(UNBENT_UNSURE) * self.unbent_px;

@@ -24,7 +24,7 @@ use crate::cylinder::CylinderFit;
 use crate::deviations::{Deviations, Influence};
 use crate::error::{CloudError, FitError};
 use crate::neighbours::Neighbours;
-use crate::normals::{LocalPlane, NORMAL_NEIGHBOURS, local_plane};
+use crate::normals::{LocalPlane, NORMAL_NEIGHBOURS, local_plane, local_plane_of_several};
 use crate::plane::PlaneFit;
 use crate::robust::{Random, median};
 use crate::sphere::SphereFit;
@@ -249,13 +249,18 @@ impl<'a> Hunt<'a> {
         let local: Vec<_> = chosen
             .iter()
             .filter_map(|&i| {
-                let local = local_plane(positions, &self.tree, &positions[i], NORMAL_NEIGHBOURS, &sensor)?;
-                Some((self.cloud.vector(i) - self.origin, local))
+                let place = &positions[i];
+                let plain = || local_plane(positions, &self.tree, place, NORMAL_NEIGHBOURS, &sensor);
+                let local = self.cloud.frame_rows().map_or_else(plain, |rows| {
+                    local_plane_of_several(positions, &self.tree, rows, place, NORMAL_NEIGHBOURS, &sensor)
+                        .or_else(plain)
+                })?;
+                Some((i, self.cloud.vector(i) - self.origin, local))
             })
             .collect();
         if self.roughness_mm <= 0.0 {
             let middle = |of: fn(&LocalPlane) -> f64| {
-                median(&mut local.iter().map(|(_, l)| of(l)).collect::<Vec<_>>())
+                median(&mut local.iter().map(|(.., l)| of(l)).collect::<Vec<_>>())
             };
             self.roughness_mm = middle(|l| l.roughness_mm).max(EXACT * middle(|l| l.reach_mm));
         }
@@ -264,8 +269,9 @@ impl<'a> Hunt<'a> {
             (TOLERANCE * roughness)
                 .clamp(0.7 * TOLERANCE * typical, (1.5 * TOLERANCE * typical).max(0.01 * reach))
         };
-        let oriented = local.iter().map(|(point, l)| Oriented {
+        let oriented = local.iter().map(|(i, point, l)| Oriented {
             point: *point,
+            row: self.cloud.frame_rows().map_or(0, |rows| rows[*i]),
             normal: l.normal,
             tolerance: tolerance(l.roughness_mm, l.reach_mm),
             reach: l.reach_mm,
@@ -342,7 +348,11 @@ impl<'a> Hunt<'a> {
             let own = off(i);
             squares += own * own;
             count += 1.0;
-            let near = self.tree.nearest(&self.cloud.positions_mm()[i], NORMAL_NEIGHBOURS);
+            let place = &self.cloud.positions_mm()[i];
+            let near = rows.map_or_else(
+                || self.tree.nearest(place, NORMAL_NEIGHBOURS),
+                |rows| self.tree.nearest_of_several(place, NORMAL_NEIGHBOURS, rows),
+            );
             let others = near.into_iter().map(|(_, j)| j).filter(|&j| {
                 j != i && rows.is_none_or(|rows| rows[i] != rows[j]) && points.binary_search(&j).is_ok()
             });

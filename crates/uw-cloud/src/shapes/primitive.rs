@@ -16,6 +16,8 @@ pub(super) struct Oriented {
     pub(super) tolerance: f64,
     /// How far away the neighbours are that the normal comes from, mm.
     pub(super) reach: f64,
+    /// The image that it was seen in, if the cloud tells any.
+    pub(super) row: u32,
 }
 
 /// A plane, a sphere or a cylinder.

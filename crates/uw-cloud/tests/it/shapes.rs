@@ -79,6 +79,29 @@ fn the_artefact_comes_in_one_call_with_distances() {
     }
 }
 
+/// Stripes ten to twenty times as far apart as their points: the nearest neighbours of each are all on its own.
+#[test]
+fn a_ball_is_found_in_a_quick_sweep() {
+    let (center, radius) = ([20.0, -10.0, 860.0], 60.0);
+    for (seed, step_deg) in [(1, 0.4), (2, 0.6), (3, 0.8)] {
+        let lines = ball_lines(center, radius, step_deg);
+        let mut row = 0;
+        let rows = lines.windows(2).map(|pair| {
+            row += u32::from(pair[0].0.slope < pair[1].0.slope);
+            row
+        });
+        let rows: Vec<u32> = std::iter::once(0).chain(rows).collect();
+        let stripes = rows.last().unwrap() + 1;
+        let cloud = cloud(&lines, 0.1, &mut random(seed)).with_frame_rows(rows).unwrap();
+        let found = find(&cloud);
+        let [Shape { fit: ShapeFit::Sphere(fit), points }] = &found.shapes[..] else {
+            panic!("{stripes} stripes: {:?}, {} left", kinds(&found), found.unassigned_points)
+        };
+        assert!(2 * points.len() > cloud.len(), "{stripes} stripes: {} of {}", points.len(), cloud.len());
+        assert!((fit.radius_mm - radius).abs() < 4.5 * fit.sigma_radius_mm, "{stripes} stripes: {fit:?}");
+    }
+}
+
 #[test]
 fn clouds_without_covariances_and_far_from_the_origin_do_as_well() {
     let near = bare(&artefact(0.1, 9));
