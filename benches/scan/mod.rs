@@ -63,7 +63,7 @@ pub fn sweep(points: usize, growth: Growth) -> PointCloud {
                 sigma_mm: along.norm() as f32,
                 covariance_mm2: [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
                     .map(|(i, j)| (along[i] * along[j]) as f32),
-                shared_mm: [0.0; 3],
+                shared_mm: None,
             });
         }
     }

@@ -186,7 +186,7 @@ pub fn thin(
 /// The cloud with the points of each cube made one, at their mean.
 ///
 /// Covariances are those of the means: points of one image are neighbours on a stripe, and no number of them is better than their mean
-/// covariance; those of different images err each on its own. What points scatter by beyond that is added along their normal.
+/// covariance; those of different images err each on its own, but for what all points share. What points scatter by beyond that is added along their normal.
 ///
 /// Parameters
 /// ----------

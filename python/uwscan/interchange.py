@@ -47,6 +47,8 @@ def _columns(cloud: Cloud, covariance: bool) -> dict[str, NDArray[Any]]:
     if covariance and cloud.covariance_mm2 is not None:
         upper = zip(*np.triu_indices(3), strict=True)
         columns |= {f"cov_{n}_mm2": cloud.covariance_mm2[:, i, j] for n, (i, j) in zip(_PACKED, upper, strict=True)}
+    if covariance and cloud.shared_mm is not None:
+        columns |= {f"shared_{n}_mm": cloud.shared_mm[:, i] for i, n in enumerate("xyz")}
     return columns
 
 
@@ -57,7 +59,8 @@ def to_pandas(cloud: Cloud, *, covariance: bool = False) -> Any:
     ----------
     cloud : Cloud
     covariance : bool, default False
-        Add the six columns of the covariance, cov_xx_mm2 to cov_zz_mm2.
+        Add the six columns of the covariance, cov_xx_mm2 to cov_zz_mm2, and where the cloud tells it what of that all points
+        share, shared_x_mm to shared_z_mm.
     """
     import pandas
 

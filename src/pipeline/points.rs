@@ -90,7 +90,7 @@ fn cloud_point(
     row: u32,
     pixel: &Vector2<f64>,
 ) -> CloudPoint {
-    let (along, shared) = (slope * seen.sigma_px, slope * seen.shared_px);
+    let along = slope * seen.sigma_px;
     let covariance = along * along.transpose();
     CloudPoint {
         position_mm: point.into(),
@@ -99,6 +99,6 @@ fn cloud_point(
         pixel: [pixel.x as f32, pixel.y as f32],
         sigma_mm: along.norm() as f32,
         covariance_mm2: [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|at| covariance[at] as f32),
-        shared_mm: [0, 1, 2].map(|axis| shared[axis] as f32),
+        shared_mm: seen.shared_px.map(|shared_px| [0, 1, 2].map(|axis| (slope[axis] * shared_px) as f32)),
     }
 }

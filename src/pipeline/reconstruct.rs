@@ -306,10 +306,11 @@ fn see(
     path: &Path,
 ) -> Result<Stripes, Error> {
     let began = Instant::now();
+    let method = extractor.options().method;
     let stripe = extract(extractor, image, background, path)?;
     let spent = Spent { extract: began.elapsed(), ..Spent::default() };
     let rejected = stripe.rejected().map(|(reason, count)| (reason.name(), count)).collect();
-    let image = frame.voltage_v.map(|voltage_v| Image { voltage_v, seen: Seen::of(stripe) });
+    let image = frame.voltage_v.map(|voltage_v| Image { voltage_v, seen: Seen::of(stripe, method) });
     Ok(Stripes { image, rejected, spent })
 }
 

@@ -135,7 +135,7 @@ fn scan_traced_in(
                 sigma_mm: along.norm() as f32,
                 covariance_mm2: [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
                     .map(|at| covariance[at] as f32),
-                shared_mm: [0.0; 3],
+                shared_mm: None,
             });
         }
     }
@@ -162,7 +162,7 @@ fn part(cloud: &PointCloud, ball: usize) -> PointCloud {
             pixel: cloud.pixels().unwrap()[i],
             sigma_mm: cloud.sigmas_mm().unwrap()[i],
             covariance_mm2: cloud.covariances_mm2().unwrap()[i],
-            shared_mm: [0.0; 3],
+            shared_mm: None,
         })
         .collect();
     PointCloud::from_points(cloud.frame(), &points)

@@ -43,8 +43,8 @@ pub struct CloudPoint {
     pub sigma_mm: f32,
     /// Covariance of the measurement [xx, xy, xz, yy, yz, zz], mm².
     pub covariance_mm2: [f32; 6],
-    /// What of its error all points of the sweep share: its step, mm, where that is off by one standard deviation.
-    pub shared_mm: [f32; 3],
+    /// What of its error all points of the sweep share: its step, mm, where that is off by one standard deviation; `None` where that is not known.
+    pub shared_mm: Option<[f32; 3]>,
 }
 
 /// A point cloud in millimetres: positions, and attributes that each either exist for all points or for none.
@@ -98,7 +98,7 @@ impl PointCloud {
         Self { frame, positions_mm, ..Self::default() }
     }
 
-    /// Returns a cloud with all attributes from measured points.
+    /// Returns a cloud with all attributes from measured points; of what they share where all of them tell it.
     pub fn from_points(frame: Frame, points: &[CloudPoint]) -> Self {
         Self {
             frame,
@@ -108,7 +108,7 @@ impl PointCloud {
             pixels: Some(points.iter().map(|p| p.pixel).collect()),
             sigmas_mm: Some(points.iter().map(|p| p.sigma_mm).collect()),
             covariances_mm2: Some(points.iter().map(|p| p.covariance_mm2).collect()),
-            shared_mm: Some(points.iter().map(|p| p.shared_mm).collect()),
+            shared_mm: points.iter().map(|p| p.shared_mm).collect(),
             ..Self::default()
         }
     }
@@ -291,9 +291,10 @@ pub(crate) fn unpacked(packed: &[f32; 6]) -> Matrix3<f64> {
     Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
 }
 
-/// Returns [xx, xy, xz, yy, yz, zz] of a symmetric matrix.
+/// Returns [xx, xy, xz, yy, yz, zz] of a covariance; a variance that rounding made negative, as turning a nil one does, is nil.
 pub(crate) fn packed(m: &Matrix3<f64>) -> [f32; 6] {
-    [m[(0, 0)], m[(0, 1)], m[(0, 2)], m[(1, 1)], m[(1, 2)], m[(2, 2)]].map(|value| value as f32)
+    let variance = |at: usize| m[(at, at)].max(0.0);
+    [variance(0), m[(0, 1)], m[(0, 2)], variance(1), m[(1, 2)], variance(2)].map(|value| value as f32)
 }
 
 #[cfg(test)]
@@ -322,6 +323,13 @@ mod tests {
         let cloud = PointCloud::new(Frame::Camera, vec![[0.0; 3]; 2]);
         let cloud = cloud.with_covariances_mm2(vec![[0.0; 6], [0.0, 0.0, 0.0, 0.0, 0.0, f32::NAN]]).unwrap();
         assert_eq!(cloud.check_finite(), Err(CloudError::NonFinite { attribute: "covariance", index: 1 }));
+        let cloud = PointCloud::new(Frame::Camera, vec![[0.0; 3]; 2]);
+        let cloud = cloud.with_shared_mm(vec![[0.0, f32::NAN, 0.0], [0.0; 3]]).unwrap();
+        let shared = CloudError::NonFinite { attribute: "shared error", index: 0 };
+        assert_eq!(
+            (cloud.check_finite(), crate::sample::check_positions(&cloud)),
+            (Err(shared.clone()), Err(shared))
+        );
     }
 
     #[test]
@@ -378,6 +386,9 @@ mod tests {
             prop_assert!((after - motion.rotation * direction).norm() < 1e-12 * 1e3);
             let step = Vector3::from(moved.shared_mm().unwrap()[1].map(f64::from));
             prop_assert!((step - motion.rotation * direction).norm() < 1e-6);
+            // Whatever rounding makes of what does not vary across a ray.
+            let turned = moved.covariances_mm2().unwrap()[1];
+            prop_assert!([0, 3, 5].iter().all(|&k| turned[k] >= 0.0), "{turned:?}");
             let rotated = unpacked(&moved.covariances_mm2().unwrap()[0]);
             prop_assert!((rotated - after * after.transpose()).amax() < COVARIANCE_ROUNDING_MM2);
         }

@@ -1,6 +1,5 @@
 //! How far points lie from a fitted shape, and how the shape follows them.
 
-use crate::cloud::PointCloud;
 use crate::floor::Floor;
 use nalgebra::{DMatrix, Matrix3xX};
 
@@ -92,6 +91,9 @@ impl Histogram {
 pub struct Influence {
     /// The points.
     pub points: Vec<InfluencePoint>,
+    /// The parameters' step where what the cloud's points share ([`PointCloud::shared_mm`](crate::PointCloud::shared_mm)) is off by one standard deviation; nil
+    /// where they tell none.
+    pub shared: Vec<f64>,
 }
 
 /// The influence of one point.
@@ -115,16 +117,12 @@ impl std::fmt::Debug for Influence {
 impl Influence {
     /// Returns the influence on other parameters, from their derivatives by these (`rows` × these).
     pub(crate) fn mapped(mut self, jacobian: &DMatrix<f64>) -> Self {
+        let map = |of: &[f64]| (jacobian * nalgebra::DVector::from_column_slice(of)).as_slice().to_vec();
         for point in &mut self.points {
-            point.gain = (jacobian * nalgebra::DVector::from_column_slice(&point.gain)).as_slice().to_vec();
+            point.gain = map(&point.gain);
         }
+        self.shared = map(&self.shared);
         self
-    }
-
-    /// Returns the step of the parameters where what the cloud's points share is off by one standard deviation; `None` of a cloud that tells none.
-    pub(crate) fn shared(&self, cloud: &PointCloud) -> Option<DMatrix<f64>> {
-        let shared = cloud.shared_mm()?;
-        self.sensitivity(1, |index| Some(Matrix3xX::from_column_slice(&shared.get(index)?.map(f64::from))))
     }
 
     /// Returns the derivatives of the parameters (rows) by what moves the points (columns): `per_cause` gives the derivatives of

@@ -451,7 +451,7 @@ fn influence<const P: usize>(
         }
     };
     let points = chosen().flat_map(|i| feet[*i].each().map(move |foot| (i, foot))).map(one).collect();
-    Some((Influence { points }, shared))
+    Some((Influence { points, shared: shared.iter().copied().collect() }, shared))
 }
 
 /// Returns the scatter of Σ g r / v, larger where blocks of neighbours on a stripe show more of it than single points.

@@ -195,8 +195,12 @@ pub(crate) fn check_positions(cloud: &PointCloud) -> Result<(), CloudError> {
         return Err(bad("position", index));
     }
     let covariances = cloud.covariances_mm2().unwrap_or_default();
-    match covariances.iter().position(|c| !c.iter().all(|c| c.is_finite())) {
-        Some(index) => Err(bad("covariance", index)),
+    if let Some(index) = covariances.iter().position(|c| !c.iter().all(|c| c.is_finite())) {
+        return Err(bad("covariance", index));
+    }
+    let shared = cloud.shared_mm().unwrap_or_default();
+    match shared.iter().position(|s| !s.iter().all(|s| s.is_finite())) {
+        Some(index) => Err(bad("shared error", index)),
         None => Ok(()),
     }
 }

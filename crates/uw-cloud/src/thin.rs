@@ -63,8 +63,15 @@ fn covariance(cloud: &PointCloud, points: &[usize]) -> Matrix3<f64> {
     let step =
         |i: usize| cloud.shared_mm().map_or_else(Vector3::zeros, |all| Vector3::from(all[i].map(f64::from)));
     let own = |i: usize| match (cloud.covariances_mm2(), cloud.sigmas_mm()) {
-        (Some(all), _) => unpacked(&all[i]) - step(i) * step(i).transpose(),
-        (None, Some(sigmas)) => Matrix3::identity() * f64::from(sigmas[i]).powi(2),
+        (Some(all), _) => {
+            let mut own = (unpacked(&all[i]) - step(i) * step(i).transpose()).symmetric_eigen();
+            own.eigenvalues.iter_mut().for_each(|variance| *variance = variance.max(0.0));
+            own.recompose()
+        }
+        (None, Some(sigmas)) => {
+            let own = f64::from(sigmas[i]).powi(2) - step(i).norm_squared();
+            Matrix3::identity() * own.max(0.0)
+        }
         (None, None) => Matrix3::zeros(),
     };
     let count = points.len() as f64;
@@ -255,6 +262,10 @@ mod tests {
         let shared = cloud(&points, (0..12).collect()).with_shared_mm(vec![[0.0, 0.0, 0.06]; 12]).unwrap();
         assert!((sigma_z(&shared).powi(2) - (0.0064 / 12.0 + 0.0036)).abs() < 1e-7);
         assert_eq!(averaged(&shared, 10.0).shared_mm().unwrap(), [[0.0, 0.0, 0.06]]);
+        // Of which it can be no more than all.
+        let all = cloud(&points, (0..12).collect()).with_shared_mm(vec![[0.3, 0.0, 0.1]; 12]).unwrap();
+        let [xx, _, _, yy, _, zz] = averaged(&all, 10.0).covariances_mm2().unwrap()[0];
+        assert!(xx >= 0.09 && yy > 0.0 && zz >= 0.01, "{xx} {yy} {zz}");
         points.iter_mut().step_by(2).for_each(|p| p[2] += 0.6);
         let layers = sigma_z(&cloud(&points, (0..12).collect()));
         assert!(layers > 0.25, "half of the layers' distance, {layers}");

@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             pixel: [300.5 + image as f32, line as f32],
             sigma_mm: 0.25,
             covariance_mm2: [0.5, 0.0, 0.0, 0.25, 0.0, 0.125],
-            shared_mm: [1e-3, 2e-3, -3e-3],
+            shared_mm: Some([1e-3, 2e-3, -3e-3]),
         });
     }
     let colors = points.iter().map(|p| [p.frame_row as u8, 7, 255]).collect();

@@ -70,7 +70,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             pixel: [31.25, 3.0],
             sigma_mm: 0.02,
             covariance_mm2: [1e-4, 0.0, 0.0, 2e-4, 0.0, 4e-4],
-            shared_mm: [1e-3, 2e-3, -3e-3],
+            shared_mm: Some([1e-3, 2e-3, -3e-3]),
         };
         recorder.points(&PointCloud::from_points(Frame::Camera, &[point]), stamp_ns, received_ns)?;
         let pose = Pose {

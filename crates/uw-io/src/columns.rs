@@ -56,6 +56,8 @@ impl Column<'_> {
 
 /// The covariance's columns, in the cloud's order.
 const COVARIANCE: [&str; 6] = ["cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz"];
+/// A negative variance, as a share of all three, that rounding explains.
+const ROUNDING: f64 = 1e-5;
 /// The columns of shared errors.
 const SHARED: [&str; 3] = ["shared_x", "shared_y", "shared_z"];
 /// The columns of normals and of colours.
@@ -174,8 +176,9 @@ impl Gather {
         }
         if let Some((at, _)) = &self.covariance {
             // The variances among the six; whether they are finite is checked at the end.
+            let least = -ROUNDING * [0, 3, 5].map(|k| row[at[k]]).iter().sum::<f64>().abs();
             for (name, value) in [0, 3, 5].map(|k| (COVARIANCE[k], row[at[k]])) {
-                if value < 0.0 {
+                if value < least {
                     return Err(format!("{name} is {value}, but a variance is not negative"));
                 }
             }

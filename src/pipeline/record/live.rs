@@ -68,7 +68,7 @@ impl Extract {
     /// The stripe of a frame; `None` where it has no voltage, or no such view.
     pub(crate) fn see(&mut self, shot: &Shot) -> Option<SeenFrame> {
         let voltage_v = shot.voltage_v?;
-        let frame = &shot.frame;
+        let (frame, method) = (&shot.frame, self.extractor.options().method);
         let (width, height) = (frame.width() as usize, frame.height() as usize);
         let stripe = match frame.pixels() {
             Pixels::U8(values) => {
@@ -80,7 +80,7 @@ impl Extract {
                 self.extractor.extract(view, None).ok()?
             }
         };
-        let seen = Seen::of(stripe);
+        let seen = Seen::of(stripe, method);
         let exposure = frame.exposure();
         let length_ns = i64::try_from(exposure.exposure_ns).unwrap_or(i64::MAX);
         Some(SeenFrame {

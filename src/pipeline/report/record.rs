@@ -113,7 +113,7 @@ pub struct FigureRecord {
     pub name: String,
     /// What came out.
     pub value: f64,
-    /// Its standard deviation from the points' noise; of a calibration's figures, all of it.
+    /// Its standard deviation by the measurement; of a calibration's figures, all of it.
     pub sigma: Option<f64>,
     /// With the calibration's part.
     pub sigma_total: Option<f64>,

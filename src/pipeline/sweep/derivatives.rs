@@ -56,7 +56,7 @@ impl Along {
         let mut found: Option<Self> = None;
         let mut before = 0;
         for lines in BEND {
-            let near = &seen[run(seen, i, lines, reach)];
+            let near = &seen[run(seen, i, lines, |a, b| is_alike(a, b, reach))];
             if near.len() < LEAST_BEND || near.len() == before {
                 break;
             }
@@ -106,13 +106,19 @@ fn growth(near: &[Seen], about: &Seen) -> f64 {
     (count * xy - x * y) / (count * xx - x * x)
 }
 
-/// The centres within so many lines on the same surface.
-fn run(seen: &[Seen], i: usize, lines: usize, reach: f32) -> Range<usize> {
-    let joined = |a: &Seen, b: &Seen| {
-        b.line == a.line + 1
-            && (b.seen_px() - a.seen_px()).abs() as f32 <= reach
-            && f64::from(b.flux() / a.flux()).ln().abs() <= EDGE_STEP
-    };
+/// Whether a centre is near the one before, a line without any between them or not.
+fn is_near(a: &Seen, b: &Seen, reach: f32) -> bool {
+    let lines = b.line - a.line;
+    lines <= 2 && (b.seen_px() - a.seen_px()).abs() as f32 <= reach * lines as f32
+}
+
+/// Whether their light is alike, too.
+fn is_alike(a: &Seen, b: &Seen, reach: f32) -> bool {
+    is_near(a, b, reach) && f64::from(b.flux() / a.flux()).ln().abs() <= EDGE_STEP
+}
+
+/// The centres within so many lines that are joined one by one.
+fn run(seen: &[Seen], i: usize, lines: usize, joined: impl Fn(&Seen, &Seen) -> bool) -> Range<usize> {
     let (mut first, mut last) = (i, i);
     while first > 0 && i - first < lines && joined(&seen[first - 1], &seen[first]) {
         first -= 1;
@@ -159,7 +165,7 @@ pub(super) fn derivatives(images: &[Image], n: usize, reach: f32) -> Vec<Option<
             let second = (to_b - to_a) / (b.0 - a.0);
             (to_a - second * a.0, 2.0 * second)
         };
-        let (first, second) = parabola(|s| s.position_px);
+        let (first, second) = parabola(Seen::seen_px);
         let (growth, _) = parabola(|s| f64::from(s.flux()).ln());
         Some(Derivatives { first, second, growth, twist: 0.0, outwards })
     };
@@ -167,10 +173,15 @@ pub(super) fn derivatives(images: &[Image], n: usize, reach: f32) -> Vec<Option<
 }
 
 /// Mean of the derivatives over neighbouring lines that tell them alike: a single one carries its own centre's noise, which would be fed back.
-pub(super) fn smooth(image: &Image, derivatives: &[Option<Derivatives>], i: usize) -> Option<Derivatives> {
+pub(super) fn smooth(
+    image: &Image,
+    derivatives: &[Option<Derivatives>],
+    i: usize,
+    reach: f32,
+) -> Option<Derivatives> {
     let line = image.seen[i].line;
     let own = derivatives[i]?;
-    let near = i.saturating_sub(SMOOTH)..(i + SMOOTH + 1).min(derivatives.len());
+    let near = run(&image.seen, i, SMOOTH, |a, b| is_near(a, b, reach));
     let (mut sum, mut count, mut ways) = ([0.0; 4], 0.0, [0.0; 2]);
     for k in near.filter(|&k| image.seen[k].line.abs_diff(line) <= SMOOTH) {
         if let Some(d) = derivatives[k].filter(|d| d.outwards == own.outwards) {
@@ -180,10 +191,10 @@ pub(super) fn smooth(image: &Image, derivatives: &[Option<Derivatives>], i: usiz
             count += 1.0;
         }
     }
-    let [first, second, growth, moment] = sum.map(|s| s / count);
+    let [mean, second, growth, moment] = sum.map(|s| s / count);
     let [way, square] = ways.map(|w| w / count);
     (count >= LEAST_SMOOTH as f64).then(|| {
-        let twist = (moment - way * first) / (square - way * way);
-        Derivatives { first, second, growth, twist, ..own }
+        let twist = (moment - way * mean) / (square - way * way);
+        Derivatives { first: mean - twist * way, second, growth, twist, ..own }
     })
 }

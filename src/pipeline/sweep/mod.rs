@@ -28,7 +28,7 @@ mod thickness;
 
 use derivatives::{Along, Derivatives, derivatives, smooth};
 use thickness::Thickness;
-use uw_stripe::{Measurement, Stripe, UNBENT_UNSURE};
+use uw_stripe::{Measurement, Method, Stripe, UNBENT_UNSURE};
 
 /// A stripe this many times wider than usual is smeared.
 const SMEARED: f32 = 1.8;
@@ -54,8 +54,8 @@ pub(crate) struct Seen {
     pub position_px: f64,
     /// Its standard deviation, px.
     pub sigma_px: f64,
-    /// What of that the whole sweep shares, px: a step to this side here is one to that side there, by their signs.
-    pub shared_px: f64,
+    /// What of that the whole sweep shares, px: a step to this side here is one to that side there, by their signs; `None` before that is known.
+    pub shared_px: Option<f64>,
     /// Peak height, DN.
     pub amplitude: f64,
     /// Standard deviation of the cross section, px.
@@ -64,20 +64,27 @@ pub(crate) struct Seen {
     pub lopsided: f64,
     /// What the image by itself took back where blur along the stripe bends it, px.
     pub unbent_px: f64,
+    /// Whether the width was measured, rather than taken.
+    pub is_width_measured: bool,
+    /// Whether the centre is that of a ridge, which takes back by itself, in its own way, what bends it.
+    pub is_ridge: bool,
 }
 
 impl Seen {
-    /// The centres of one image's stripe.
-    pub(crate) fn of(stripe: &Stripe) -> Vec<Self> {
+    /// The centres of one image's stripe, as a method found them.
+    pub(crate) fn of(stripe: &Stripe, method: Method) -> Vec<Self> {
         let seen = |m: Measurement| Self {
             line: m.line,
             position_px: m.position_px,
             sigma_px: m.sigma_px,
-            shared_px: 0.0,
+            shared_px: None,
             amplitude: m.amplitude,
             width_px: stripe.width_px[m.line],
-            lopsided: lopsided(stripe, m.line),
+            // The centre of gravity is the middle of the light.
+            lopsided: if method == Method::Cog { 0.0 } else { lopsided(stripe, m.line) },
             unbent_px: stripe.unbent_px[m.line].into(),
+            is_width_measured: !stripe.chi2[m.line].is_nan(),
+            is_ridge: method == Method::Ridge,
         };
         stripe.measurements().map(seen).collect()
     }
@@ -92,11 +99,16 @@ impl Seen {
         self.amplitude as f32 * self.width_px
     }
 
+    /// Standard deviation of what the image by itself took back, px, part of the centre's own.
+    fn unsure_of_bend_px(&self) -> f64 {
+        f64::from(UNBENT_UNSURE) * self.unbent_px
+    }
+
     /// Undoes what the image by itself took back.
     fn bend_again(&mut self) {
-        let unsure_px = f64::from(UNBENT_UNSURE) * self.unbent_px;
-        self.sigma_px = (self.sigma_px.powi(2) - unsure_px.powi(2)).max(0.0).sqrt();
+        self.sigma_px = (self.sigma_px.powi(2) - self.unsure_of_bend_px().powi(2)).max(0.0).sqrt();
         self.position_px = self.seen_px();
+        self.unbent_px = 0.0;
     }
 
     /// Width on a line by sheet, lens and pixels, squared.
@@ -170,8 +182,8 @@ pub(crate) fn judge(images: &[Image]) -> Vec<Verdicts> {
         if partial(images, n, &seen, reach) {
             return Err("partial_beam");
         }
-        if let Some(d) = smooth(&images[n], &derivatives[n], i) {
-            let along = Along::at(&images[n], i, reach, sigmas_px[n]);
+        if let Some(d) = smooth(&images[n], &derivatives[n], i, reach) {
+            let along = Along::at(&images[n], i, reach, sigmas_px[n]).filter(|_| !seen.is_ridge);
             if along.is_some() {
                 seen.bend_again();
             }
@@ -185,10 +197,14 @@ pub(crate) fn judge(images: &[Image]) -> Vec<Verdicts> {
                 let noise_px = seen.lens_px2(thickness.v2, &d, along) * along.bend_px2.sqrt();
                 seen.sigma_px = seen.sigma_px.hypot(noise_px);
             }
-            let unsure = if d.outwards { UNSURE_OUTWARDS } else { UNSURE };
-            seen.shared_px = (unsure * shift).hypot(otherwise - shift).copysign(shift);
-            seen.sigma_px = seen.sigma_px.hypot(seen.shared_px);
+            let unsure_px = shift * if d.outwards { UNSURE_OUTWARDS } else { UNSURE };
+            let thicker_px = otherwise - shift;
+            let side = if thicker_px.abs() > unsure_px.abs() { thicker_px } else { unsure_px };
+            let shared_px = unsure_px.hypot(thicker_px);
+            seen.sigma_px = seen.sigma_px.hypot(shared_px);
+            seen.shared_px = Some(shared_px.hypot(seen.unsure_of_bend_px()).copysign(side));
         } else {
+            seen.shared_px = Some(seen.unsure_of_bend_px());
             seen.sigma_px = seen.sigma_px.hypot(untold(images, n, &seen, reach, thickness.v2));
         }
         Ok(seen)
@@ -268,11 +284,13 @@ mod tests {
             line,
             position_px,
             sigma_px: 0.03,
-            shared_px: 0.0,
+            shared_px: None,
             amplitude: flux / f64::from(width_px),
             width_px,
             lopsided: 0.0,
             unbent_px: 0.0,
+            is_width_measured: true,
+            is_ridge: false,
         }
     }
 
@@ -372,6 +390,28 @@ mod tests {
             }
         }
 
+        // A ridge takes that back by itself: no more of it.
+        let ridge: Vec<Image> = bent
+            .iter()
+            .map(|image| {
+                let lens_px = |s: &Seen| BEND * (LENS_PX.powi(2) + PIXEL_PX2) - s.unbent_px;
+                let one = |s: &Seen| Seen {
+                    position_px: s.position_px - lens_px(s),
+                    unbent_px: 0.0,
+                    is_ridge: true,
+                    ..*s
+                };
+                Image { voltage_v: image.voltage_v, seen: image.seen.iter().map(one).collect() }
+            })
+            .collect();
+        for (image, verdicts) in ridge.iter().zip(&judge(&ridge)) {
+            for verdict in verdicts {
+                let seen = verdict.expect("believed");
+                let off = seen.position_px - centre(image.voltage_v) - curve(seen.line);
+                assert!(off.abs() < 1.5e-3, "{off}");
+            }
+        }
+
         // Before a wall, many more lines of another distance, whose focus changes along it and whose slant hardly does.
         let wall = |v: f64| {
             let width = (1.2 + 0.4 * v + (TAU_V * 25.0).powi(2)).sqrt() as f32;
@@ -413,12 +453,18 @@ mod tests {
                 };
                 Image { voltage_v: 0.04 * n as f64, seen: (0..60).map(one).collect() }
             };
-            let images: Vec<Image> = (0..12).map(stripe).collect();
+            let mut images: Vec<Image> = (0..12).map(stripe).collect();
             let all: Vec<_> = (0..images.len()).map(|n| derivatives(&images, n, 5.0)).collect();
             let found = Thickness::of(&images, &all, 5.0);
             let off = (found.v2 - tau_v * tau_v).abs();
             assert!(off < 0.02 * tau_v * tau_v + 1e-6, "{found:?} for {tau_v}");
             assert!(found.sigma_v2 < 0.1 * 0.01 * 0.01, "{found:?}");
+            // A width that was taken, the same everywhere, tells nothing but a bound.
+            for seen in images.iter_mut().flat_map(|image| &mut image.seen) {
+                (seen.width_px, seen.is_width_measured) = (1.0, false);
+            }
+            let taken = Thickness::of(&images, &all, 5.0);
+            assert!(taken.sigma_v2 > 0.5 * taken.v2 && taken.v2 > 0.3 / 900.0, "{taken:?}");
         }
     }
 
@@ -466,7 +512,7 @@ mod tests {
             let pixels: Vec<u16> = pixels.iter().map(|value| value.round() as u16).collect();
             let options = Options { noise: Some(noise), full_scale_dn: Some(4095.0), ..Options::default() };
             let view = View::new(&pixels, SIZE.0, SIZE.1, SIZE.0).unwrap();
-            Seen::of(Extractor::new(options).unwrap().extract(view, None).unwrap())
+            Seen::of(Extractor::new(options).unwrap().extract(view, None).unwrap(), Method::Robust)
         };
         for (gain_e_per_dn, read_noise_dn) in [(1e5, 30.0), (0.2, 0.1)] {
             let noise =

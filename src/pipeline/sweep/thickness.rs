@@ -27,15 +27,15 @@ pub(super) struct Thickness {
 impl Thickness {
     /// What images say one by one, and the bound that widths set.
     pub fn of(images: &[Image], derivatives: &[Vec<Option<Derivatives>>], reach: f32) -> Self {
-        let squares = squares(images, derivatives);
+        let squares = squares(images, derivatives, reach);
         let told = squares.iter().flatten().flatten().filter(|s| s.slant > 0.0 && s.width > 0.0);
         let mut bounds: Vec<(f64, f64)> = told.map(|s| ((s.width - PIXEL_PX2) / s.slant, 1.0)).collect();
         let Some([bound]) = quantiles(&mut bounds, [NARROWER]) else {
             return Self { v2: 0.0, sigma_v2: 0.0 };
         };
         let (mut v2, mut variance) = (ANY_SHARE.0 * bound, (ANY_SHARE.1 * bound).powi(2));
-        let over_images = |n: usize| growth(&images[n], |i| on_images(images, &squares, n, i, reach));
-        let over_lines = |n: usize| growth(&images[n], |i| on_lines(&images[n], &squares[n], i, reach));
+        let over_images = |n: usize| said_by(&images[n], |i| on_images(images, &squares, n, i, reach));
+        let over_lines = |n: usize| said_by(&images[n], |i| on_lines(&images[n], &squares[n], i, reach));
         let mut said: Vec<(f64, f64)> =
             (0..images.len()).flat_map(|n| [over_images(n), over_lines(n)]).flatten().collect();
         if let Some([low, middle, high]) = quantiles(&mut said, [0.25, 0.5, 0.75]) {
@@ -71,10 +71,14 @@ impl Squares {
 }
 
 /// The squares line by line of each image; `None` where they do not tell the sheet.
-fn squares(images: &[Image], derivatives: &[Vec<Option<Derivatives>>]) -> Vec<Vec<Option<Squares>>> {
+fn squares(
+    images: &[Image],
+    derivatives: &[Vec<Option<Derivatives>>],
+    reach: f32,
+) -> Vec<Vec<Option<Squares>>> {
     let image = |(image, all): (&Image, &Vec<Option<Derivatives>>)| {
         let one = |i: usize| {
-            let d = smooth(image, all, i).filter(|d| !d.outwards)?;
+            let d = smooth(image, all, i, reach).filter(|d| !d.outwards)?;
             let near = i.saturating_sub(SMOOTH)..(i + SMOOTH + 1).min(image.seen.len());
             let near = near.filter(|&k| image.seen[k].line.abs_diff(image.seen[i].line) <= SMOOTH);
             let width = f64::from(median(near.clone().map(|k| image.seen[k].width_px)));
@@ -127,7 +131,7 @@ fn on_lines(image: &Image, squares: &[Option<Squares>], i: usize, reach: f32) ->
 
 /// What the widths at both ends of the paths from an image's places say of the sheet's variance, V², where distance and focus are nearly the same: the median of its
 /// lines, which share its focus and its speckle, as heavy as the ends are unlike; and that weight.
-fn growth(image: &Image, path: impl Fn(usize) -> Option<Path>) -> Option<(f64, f64)> {
+fn said_by(image: &Image, path: impl Fn(usize) -> Option<Path>) -> Option<(f64, f64)> {
     let one = |i: usize| {
         let path = path(i)?;
         let (a, b) = (path[0], path[APART]);
@@ -138,7 +142,9 @@ fn growth(image: &Image, path: impl Fn(usize) -> Option<Path>) -> Option<(f64, f
         let variance = (a.oblique * b.width - b.oblique * a.width) / unlike;
         (evenly && unlike.abs() >= least).then_some((variance, unlike.abs()))
     };
-    let mut said: Vec<(f64, f64)> = (0..image.seen.len()).filter_map(one).collect();
+    // Widths that were taken are the same everywhere, and say nothing.
+    let measured = (0..image.seen.len()).filter(|&i| image.seen[i].is_width_measured);
+    let mut said: Vec<(f64, f64)> = measured.filter_map(one).collect();
     let heavy = said.iter().map(|s| s.1).sum();
     quantiles(&mut said, [0.5]).map(|[middle]| (middle, heavy))
 }

@@ -13,7 +13,7 @@ pub struct Relation {
     pub b: usize,
     /// The distance, mm, or the angle, rad, from 0 to π/2.
     pub value: f64,
-    /// Its standard deviation from the points' noise.
+    /// Its standard deviation by the measurement: the points' noise, and what they share of it.
     pub sigma: f64,
     /// Its standard deviation with the errors that all points share; `None` where those were not given.
     pub sigma_total: Option<f64>,
@@ -127,9 +127,10 @@ impl Pair<'_> {
         let alone = (&j * self.one.fit.covariance() * j.transpose())[0]
             + (&k * self.other.fit.covariance() * k.transpose())[0];
         // In the covariance of each, and with the same sign in both.
-        let step = |shape: &Shape| shape.fit.influence().shared(self.cloud);
-        let both = step(self.one).zip(step(self.other)).map_or(0.0, |(a, b)| (&j * a)[0] * (&k * b)[0]);
-        let own = alone + 2.0 * both;
+        let step = |slope: &RowDVector<f64>, shape: &Shape| {
+            slope.iter().zip(&shape.fit.influence().shared).map(|(slope, step)| slope * step).sum::<f64>()
+        };
+        let own = alone + 2.0 * step(&j, self.one) * step(&k, self.other);
         let total = self.shared.and_then(|shared| {
             let common = &j * shared.get(self.a)? + &k * shared.get(self.b)?;
             Some((own + common.norm_squared()).max(0.0).sqrt())

@@ -53,7 +53,7 @@ fn sweep(depth_mm: impl Fn(f64, f64) -> f64, random: &mut StdRng) -> PointCloud 
                 pixel: pixel.map(|c| (c * FOCAL_PX) as f32),
                 sigma_mm: variance.sqrt(),
                 covariance_mm2,
-                shared_mm: [0.0; 3],
+                shared_mm: None,
             });
         }
     }

@@ -119,8 +119,8 @@ pub(super) fn profile(stripe: &Stripe<'_>) -> messages::Profile {
     }
 }
 
-/// The points as a `foxglove.PointCloud`: x y z in metres (float64), and whatever else the cloud has; `sigma` and `cov_…` in
-/// metres and square metres.
+/// The points as a `foxglove.PointCloud`: x y z in metres (float64), and as far as the cloud has them brightness, frame, pixel, `sigma` and
+/// `cov_…` in metres and square metres.
 pub(super) fn points(cloud: &uw_cloud::PointCloud, stamp_ns: u64) -> PointCloud {
     let mut fields = Vec::new();
     let mut stride = 0_u32;

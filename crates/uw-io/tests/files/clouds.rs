@@ -34,7 +34,7 @@ fn cloud() -> PointCloud {
         pixel: [n, 1.0 / 3.0],
         sigma_mm: 0.01,
         covariance_mm2: [1e-4, n, 0.0, 2e-4, -3e-9, f32::MIN_POSITIVE],
-        shared_mm: [1e-3, 2e-3, -3e-3],
+        shared_mm: Some([1e-3, 2e-3, -3e-3]),
     };
     PointCloud::from_points(Frame::Galvo, &[point(0.0), point(7.0), point(143.0)])
 }
@@ -287,6 +287,10 @@ fn what_is_no_sound_text_of_points_is_refused_with_its_reason() {
     }
     let (cloud, _) = read_xyz("id;x;y;z\n7;1;2;3\n").unwrap();
     assert_eq!(cloud.positions_mm(), [[1.0, 2.0, 3.0]], "columns are found by their names");
+    // What rounding makes of a variance that is nil, in another frame.
+    let (cloud, _) =
+        read_xyz("x y z cov_xx cov_xy cov_xz cov_yy cov_yz cov_zz\n1 2 3 -5e-14 0 0 1e-4 0 1e-4\n").unwrap();
+    assert_eq!(cloud.covariances_mm2().unwrap()[0][3], 1e-4);
     says(&read_xyz(b"\xff\xfe1\0 \0").unwrap_err().to_string(), &[":1:", "no text"]);
     says(&read_xyz("1 ".repeat(1 << 20)).unwrap_err().to_string(), &[":1:", "longer than"]);
 }

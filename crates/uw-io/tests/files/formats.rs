@@ -22,7 +22,7 @@ fn sweep() -> PointCloud {
             pixel: [300.25 + frame as f32, line as f32],
             sigma_mm: 0.01 * line as f32,
             covariance_mm2: [1e-4, 1e-5, -2e-5, 3e-4, 0.0, 4e-4],
-            shared_mm: [1e-3, 2e-3, -3e-3],
+            shared_mm: Some([1e-3, 2e-3, -3e-3]),
         });
     }
     let count = points.len();

@@ -70,7 +70,7 @@ pub fn stripe(frame: u32, lines: u32) -> Stripe {
             pixel: [300.0, line as f32],
             sigma_mm: 0.05,
             covariance_mm2: [0.0; 6],
-            shared_mm: [1e-3, 2e-3, -3e-3],
+            shared_mm: Some([1e-3, 2e-3, -3e-3]),
         }
     };
     let points: Vec<CloudPoint> = (0..lines).map(point).collect();
