@@ -15,14 +15,14 @@ fn balls(balls: &[([f64; 3], f64)]) -> PointCloud {
 /// The cloud with a step of each point.
 fn sharing(cloud: &PointCloud, step: impl Fn(&[f64; 3]) -> [f64; 3]) -> PointCloud {
     let steps = cloud.positions_mm().iter().map(|p| step(p).map(|c| c as f32)).collect();
-    cloud.clone().with_shared_mm(steps).unwrap()
+    cloud.clone().with_shared_mm(steps).expect("one a point")
 }
 
 /// Away from the middle of the ball that it is of.
 fn outwards(p: &[f64; 3]) -> [f64; 3] {
     let off = |(center, _): &([f64; 3], f64)| [0, 1, 2].map(|k| p[k] - center[k]);
     let way = |d: [f64; 3]| d.iter().map(|c| c * c).sum::<f64>().sqrt();
-    let near = BALLS.iter().map(off).min_by(|a, b| way(*a).total_cmp(&way(*b))).unwrap();
+    let near = BALLS.iter().map(off).min_by(|a, b| way(*a).total_cmp(&way(*b))).expect("a ball");
     near.map(|c| c / way(near) * SWELLS_MM)
 }
 
