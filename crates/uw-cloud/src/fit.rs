@@ -412,12 +412,13 @@ fn covariance<S: Surface<P>, const P: usize>(
         return Err(undetermined(noise_share.min(1.0)));
     }
     let inverse = (information - feigned).try_inverse().ok_or_else(|| undetermined(noise_share))?;
-    let (influence, shared) = influence(sample, feet, inliers, &(feigned / inliers.len().max(1) as f64))
+    let influence = influence(sample, feet, inliers, &(feigned / inliers.len().max(1) as f64))
         .ok_or_else(|| undetermined(noise_share))?;
     let scatter = with_shared_errors(scatter, sample, feet, inliers);
     let dof = inliers.iter().map(|&i| feet[i].each().count()).sum::<usize>().saturating_sub(P);
     let widening =
         if sample.has_covariances && floor.scale <= 1.0 { 1.0 } else { student_widening(dof).powi(2) };
+    let shared = SVector::<f64, P>::from_column_slice(&influence.shared);
     let covariance = inverse * scatter * inverse * widening + shared * shared.transpose();
     if !covariance.iter().all(|c| c.is_finite()) {
         return Err(undetermined(noise_share));
@@ -432,7 +433,7 @@ fn influence<const P: usize>(
     feet: &[Feet<P>],
     inliers: &[usize],
     feigned_a_point: &SMatrix<f64, P, P>,
-) -> Option<(Influence, SVector<f64, P>)> {
+) -> Option<Influence> {
     let chosen = || inliers.iter().step_by(inliers.len().div_ceil(INFLUENTIAL).max(1));
     let mut information = SMatrix::<f64, P, P>::zeros();
     for foot in chosen().flat_map(|&i| feet[i].each()) {
@@ -451,7 +452,7 @@ fn influence<const P: usize>(
         }
     };
     let points = chosen().flat_map(|i| feet[*i].each().map(move |foot| (i, foot))).map(one).collect();
-    Some((Influence { points, shared: shared.iter().copied().collect() }, shared))
+    Some(Influence { points, shared: shared.iter().copied().collect() })
 }
 
 /// Returns the scatter of Σ g r / v, larger where blocks of neighbours on a stripe show more of it than single points.

@@ -120,14 +120,15 @@ impl Neighbours {
         best.into_iter().map(|near| (near.distance2, near.index as usize)).collect()
     }
 
-    /// Returns the points nearest to a place as [`Neighbours::nearest`], at most three quarters of them of one image (`rows` tells each point's): of a quick sweep,
+    /// Returns the points nearest to a place as [`Neighbours::nearest`], at most three quarters of them of one image where `rows` tells each point's: of a quick sweep,
     /// whose stripes lie many times as far apart as their points, the nearest are all of one stripe.
     pub(crate) fn nearest_of_several(
         &self,
         place_mm: &[f64; 3],
         count: usize,
-        rows: &[u32],
+        rows: Option<&[u32]>,
     ) -> Vec<(f64, usize)> {
+        let Some(rows) = rows else { return self.nearest(place_mm, count) };
         let most = count - count / 4;
         let mut asked = count;
         loop {

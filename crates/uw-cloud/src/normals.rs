@@ -46,7 +46,7 @@ pub fn local_plane(
 pub(crate) fn local_plane_of_several(
     positions_mm: &[[f64; 3]],
     neighbours: &Neighbours,
-    rows: &[u32],
+    rows: Option<&[u32]>,
     place_mm: &[f64; 3],
     count: usize,
     sensor_mm: &[f64; 3],

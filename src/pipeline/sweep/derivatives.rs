@@ -129,9 +129,18 @@ fn run(seen: &[Seen], i: usize, lines: usize, joined: impl Fn(&Seen, &Seen) -> b
     first..last + 1
 }
 
+/// The derivatives at each centre of each image, averaged over neighbouring lines.
+pub(super) fn derivatives(images: &[Image], reach: f32) -> Vec<Vec<Option<Derivatives>>> {
+    let of_image = |(n, image): (usize, &Image)| {
+        let single = single(images, n, reach);
+        (0..image.seen.len()).map(|i| smooth(image, &single, i, reach)).collect()
+    };
+    images.iter().enumerate().map(of_image).collect()
+}
+
 /// The derivatives at each centre of an image, from the images before and after, or from two on one side where the surface ends on the other, as at
 /// an object's outline; `None` where the surface or its brightness breaks off.
-pub(super) fn derivatives(images: &[Image], n: usize, reach: f32) -> Vec<Option<Derivatives>> {
+fn single(images: &[Image], n: usize, reach: f32) -> Vec<Option<Derivatives>> {
     let here = &images[n];
     // An image so many further on, and its voltage from here.
     let image = |by: isize| {
@@ -160,32 +169,27 @@ pub(super) fn derivatives(images: &[Image], n: usize, reach: f32) -> Vec<Option<
             return None;
         }
         // Newton's parabola through here and both.
-        let parabola = |of: fn(&Seen) -> f64| {
+        let newton = |of: fn(&Seen) -> f64| {
             let [to_a, to_b] = [a, b].map(|(v, other)| (of(&other) - of(seen)) / v);
             let second = (to_b - to_a) / (b.0 - a.0);
             (to_a - second * a.0, 2.0 * second)
         };
-        let (first, second) = parabola(Seen::seen_px);
-        let (growth, _) = parabola(|s| f64::from(s.flux()).ln());
+        let (first, second) = newton(Seen::seen_px);
+        let (growth, _) = newton(|s| f64::from(s.flux()).ln());
         Some(Derivatives { first, second, growth, twist: 0.0, outwards })
     };
     here.seen.iter().map(one).collect()
 }
 
 /// Mean of the derivatives over neighbouring lines that tell them alike: a single one carries its own centre's noise, which would be fed back.
-pub(super) fn smooth(
-    image: &Image,
-    derivatives: &[Option<Derivatives>],
-    i: usize,
-    reach: f32,
-) -> Option<Derivatives> {
-    let line = image.seen[i].line;
+fn smooth(image: &Image, derivatives: &[Option<Derivatives>], i: usize, reach: f32) -> Option<Derivatives> {
+    let about = &image.seen[i];
     let own = derivatives[i]?;
     let near = run(&image.seen, i, SMOOTH, |a, b| is_near(a, b, reach));
     let (mut sum, mut count, mut ways) = ([0.0; 4], 0.0, [0.0; 2]);
-    for k in near.filter(|&k| image.seen[k].line.abs_diff(line) <= SMOOTH) {
+    for k in near.filter(|&k| image.seen[k].line.abs_diff(about.line) <= SMOOTH) {
         if let Some(d) = derivatives[k].filter(|d| d.outwards == own.outwards) {
-            let way = image.seen[k].line as f64 - line as f64;
+            let way = way(&image.seen[k], about);
             sum = [sum[0] + d.first, sum[1] + d.second, sum[2] + d.growth, sum[3] + way * d.first];
             ways = [ways[0] + way, ways[1] + way * way];
             count += 1.0;

@@ -1,6 +1,6 @@
 //! How thick the sheet of light is, as the widths of its stripes tell.
 
-use super::derivatives::{Derivatives, SMOOTH, smooth};
+use super::derivatives::{Derivatives, SMOOTH};
 use super::{Image, PIXEL_PX2, UNSURE, index, median, slope};
 
 /// Steps from one to the other of the places whose widths are compared, from image to image or over so many lines; the least that they must differ by, as a
@@ -27,7 +27,7 @@ pub(super) struct Thickness {
 impl Thickness {
     /// What images say one by one, and the bound that widths set.
     pub fn of(images: &[Image], derivatives: &[Vec<Option<Derivatives>>], reach: f32) -> Self {
-        let squares = squares(images, derivatives, reach);
+        let squares = squares(images, derivatives);
         let told = squares.iter().flatten().flatten().filter(|s| s.slant > 0.0 && s.width > 0.0);
         let mut bounds: Vec<(f64, f64)> = told.map(|s| ((s.width - PIXEL_PX2) / s.slant, 1.0)).collect();
         let Some([bound]) = quantiles(&mut bounds, [NARROWER]) else {
@@ -71,14 +71,10 @@ impl Squares {
 }
 
 /// The squares line by line of each image; `None` where they do not tell the sheet.
-fn squares(
-    images: &[Image],
-    derivatives: &[Vec<Option<Derivatives>>],
-    reach: f32,
-) -> Vec<Vec<Option<Squares>>> {
+fn squares(images: &[Image], derivatives: &[Vec<Option<Derivatives>>]) -> Vec<Vec<Option<Squares>>> {
     let image = |(image, all): (&Image, &Vec<Option<Derivatives>>)| {
         let one = |i: usize| {
-            let d = smooth(image, all, i, reach).filter(|d| !d.outwards)?;
+            let d = all[i].filter(|d| !d.outwards)?;
             let near = i.saturating_sub(SMOOTH)..(i + SMOOTH + 1).min(image.seen.len());
             let near = near.filter(|&k| image.seen[k].line.abs_diff(image.seen[i].line) <= SMOOTH);
             let width = f64::from(median(near.clone().map(|k| image.seen[k].width_px)));

@@ -250,11 +250,11 @@ impl<'a> Hunt<'a> {
             .iter()
             .filter_map(|&i| {
                 let place = &positions[i];
+                let rows = self.cloud.frame_rows();
+                let several =
+                    local_plane_of_several(positions, &self.tree, rows, place, NORMAL_NEIGHBOURS, &sensor);
                 let plain = || local_plane(positions, &self.tree, place, NORMAL_NEIGHBOURS, &sensor);
-                let local = self.cloud.frame_rows().map_or_else(plain, |rows| {
-                    local_plane_of_several(positions, &self.tree, rows, place, NORMAL_NEIGHBOURS, &sensor)
-                        .or_else(plain)
-                })?;
+                let local = several.or_else(plain)?;
                 Some((i, self.cloud.vector(i) - self.origin, local))
             })
             .collect();
@@ -271,7 +271,7 @@ impl<'a> Hunt<'a> {
         };
         let oriented = local.iter().map(|(i, point, l)| Oriented {
             point: *point,
-            row: self.cloud.frame_rows().map_or(0, |rows| rows[*i]),
+            row: self.cloud.frame_rows().map(|rows| rows[*i]),
             normal: l.normal,
             tolerance: tolerance(l.roughness_mm, l.reach_mm),
             reach: l.reach_mm,
@@ -349,10 +349,7 @@ impl<'a> Hunt<'a> {
             squares += own * own;
             count += 1.0;
             let place = &self.cloud.positions_mm()[i];
-            let near = rows.map_or_else(
-                || self.tree.nearest(place, NORMAL_NEIGHBOURS),
-                |rows| self.tree.nearest_of_several(place, NORMAL_NEIGHBOURS, rows),
-            );
+            let near = self.tree.nearest_of_several(place, NORMAL_NEIGHBOURS, rows);
             let others = near.into_iter().map(|(_, j)| j).filter(|&j| {
                 j != i && rows.is_none_or(|rows| rows[i] != rows[j]) && points.binary_search(&j).is_ok()
             });

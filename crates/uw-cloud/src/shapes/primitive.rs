@@ -17,7 +17,7 @@ pub(super) struct Oriented {
     /// How far away the neighbours are that the normal comes from, mm.
     pub(super) reach: f64,
     /// The image that it was seen in, if the cloud tells any.
-    pub(super) row: u32,
+    pub(super) row: Option<u32>,
 }
 
 /// A plane, a sphere or a cylinder.

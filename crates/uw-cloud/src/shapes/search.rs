@@ -69,14 +69,11 @@ pub(super) struct Candidate {
 
 impl Field {
     pub(super) fn new(points: Vec<Oriented>, tree: Neighbours) -> Self {
-        let rows: Vec<u32> = points.iter().map(|o| o.row).collect();
-        let several = rows.iter().any(|row| *row != rows[0]);
+        let rows: Option<Vec<u32>> = points.iter().map(|o| o.row).collect();
+        // Of one image alone there is no other to ask.
+        let rows = rows.filter(|rows| rows.iter().any(|row| *row != rows[0]));
         let links = points.iter().enumerate().map(|(i, o)| {
-            let near = if several {
-                tree.nearest_of_several(&o.point.into(), LINKS + 1, &rows)
-            } else {
-                tree.nearest(&o.point.into(), LINKS + 1)
-            };
+            let near = tree.nearest_of_several(&o.point.into(), LINKS + 1, rows.as_deref());
             near.into_iter().filter(|&(_, j)| j != i).map(|(_, j)| j as u32).collect()
         });
         let links = links.collect();
