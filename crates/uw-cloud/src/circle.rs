@@ -114,7 +114,7 @@ fn result(
     covariance: &SMatrix<f64, 6, 6>,
     deviations: Deviations,
     influence: Influence,
-    sample: &Sample,
+    sample: &Sample<'_>,
     options: &CircleOptions,
 ) -> CircleFit {
     let center = ring.center + sample.centre;
@@ -183,12 +183,12 @@ impl Ring {
     /// The foot is the point q of the circle that is nearest in the metric of V, by Newton's steps of its angle from the nearest one
     /// in space. There V⁻¹(p − q) is square to the circle, hence d² = rᵀ (NᵀVN)⁻¹ r with r = Nᵀ(p − q) in the two directions N
     /// across the circle, and its derivatives are those of r.
-    fn feet(&self, observation: &Observation, floor_mm: f64) -> [Foot<6>; 2] {
+    fn feet(&self, observation: Observation<'_>, floor_mm: f64) -> [Foot<6>; 2] {
         let (_, _, mut outward) = self.misses(&observation.point);
-        let variances = observation.variances.add_scalar(floor_mm * floor_mm);
+        let variances = observation.variances(floor_mm);
         let least = variances.min();
         let weighed = |v: &Vector3<f64>| {
-            observation.axes * observation.axes.tr_mul(v).zip_map(&variances, |x, v| x * (least / v))
+            observation.out_of_axes(&observation.in_axes(v).zip_map(&variances, |x, v| x * (least / v)))
         };
         let arm = observation.point - self.center;
         for _ in 0..NEWTON_STEPS {
@@ -205,7 +205,7 @@ impl Ring {
         }
         let miss = arm - outward * self.radius;
         let (off, beyond) = (self.normal.dot(&miss), outward.dot(&miss));
-        let (a, b) = (observation.axes.tr_mul(&self.normal), observation.axes.tr_mul(&outward));
+        let (a, b) = (observation.in_axes(&self.normal), observation.in_axes(&outward));
         let (aa, ab, bb) = (
             a.component_mul(&a).dot(&variances),
             a.component_mul(&b).dot(&variances),
@@ -263,6 +263,7 @@ fn shortened(foot: &Foot<6>) -> Foot<5> {
 }
 
 impl Surface<6> for FreeRing {
+    type Feet = [Foot<6>; 2];
     const NAME: &'static str = "circle";
 
     fn radius_mm(&self) -> Option<f64> {
@@ -273,12 +274,8 @@ impl Surface<6> for FreeRing {
         self.0.distance(point)
     }
 
-    fn foot(&self, observation: &Observation, floor_mm: f64) -> Foot<6> {
-        self.0.feet(observation, floor_mm)[0]
-    }
-
-    fn second_foot(&self, observation: &Observation, floor_mm: f64) -> Option<Foot<6>> {
-        Some(self.0.feet(observation, floor_mm)[1])
+    fn feet(&self, observation: Observation<'_>, floor_mm: f64) -> [Foot<6>; 2] {
+        self.0.feet(observation, floor_mm)
     }
 
     fn gradient_change(&self, foot: &Foot<6>) -> SMatrix<f64, 6, 3> {
@@ -291,6 +288,7 @@ impl Surface<6> for FreeRing {
 }
 
 impl Surface<5> for KnownRing {
+    type Feet = [Foot<5>; 2];
     const NAME: &'static str = "circle";
 
     fn radius_mm(&self) -> Option<f64> {
@@ -301,12 +299,8 @@ impl Surface<5> for KnownRing {
         self.0.distance(point)
     }
 
-    fn foot(&self, observation: &Observation, floor_mm: f64) -> Foot<5> {
-        shortened(&self.0.feet(observation, floor_mm)[0])
-    }
-
-    fn second_foot(&self, observation: &Observation, floor_mm: f64) -> Option<Foot<5>> {
-        Some(shortened(&self.0.feet(observation, floor_mm)[1]))
+    fn feet(&self, observation: Observation<'_>, floor_mm: f64) -> [Foot<5>; 2] {
+        self.0.feet(observation, floor_mm).map(|foot| shortened(&foot))
     }
 
     fn gradient_change(&self, foot: &Foot<5>) -> SMatrix<f64, 5, 3> {

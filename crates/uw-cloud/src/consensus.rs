@@ -2,7 +2,7 @@
 
 use crate::fit::{Surface, refine};
 use crate::robust::{Random, ranked};
-use crate::sample::{Observation, Sample};
+use crate::sample::{Observations, Sample};
 use nalgebra::Vector3;
 
 /// A share of the points, beyond those that any shape passes through, and Φ⁻¹ at (1 + share) / 2: the residual that so many of a
@@ -62,7 +62,7 @@ pub(crate) struct Search {
 /// Coordinates that stand on a grid lie on shapes exactly by chance, in groups: an exact fit says nothing of the others'
 /// scatter. One is believed of a majority only, or else the shape is judged by a majority's quantile.
 pub(crate) fn consensus<S: Surface<P>, const P: usize>(
-    sample: &Sample,
+    sample: &Sample<'_>,
     search: Search,
     through: impl Fn(&[usize]) -> Vec<S>,
 ) -> Option<Start<S>> {
@@ -70,8 +70,8 @@ pub(crate) fn consensus<S: Surface<P>, const P: usize>(
     if start.scatter_mm > EXACT * sample.resolution_mm {
         return Some(start);
     }
-    let exact = |o: &&Observation| start.surface.distance(&o.point).abs() <= sample.resolution_mm;
-    let agreeing = sample.observations.iter().filter(exact).count().saturating_sub(P);
+    let exact = |point: &&Vector3<f64>| start.surface.distance(point).abs() <= sample.resolution_mm;
+    let agreeing = sample.observations.points.iter().filter(exact).count().saturating_sub(P);
     if 2 * agreeing > sample.observations.len().saturating_sub(P) {
         return Some(start);
     }
@@ -80,57 +80,58 @@ pub(crate) fn consensus<S: Surface<P>, const P: usize>(
 
 /// Returns the start of least quantile at a share of the points.
 fn judged_by<S: Surface<P>, const P: usize>(
-    sample: &Sample,
+    sample: &Sample<'_>,
     search: Search,
     share: Share,
     through: &impl Fn(&[usize]) -> Vec<S>,
 ) -> Option<Start<S>> {
-    let observations = &sample.observations;
+    let points = &sample.observations.points;
     let mut random = Random::new(search.seed);
     let agreeing = |count: usize| {
         let excess = count.saturating_sub(P);
         P + ((excess as f64 * share.of_points).ceil() as usize).max(excess.min(1))
     };
-    let compared: Vec<Vector3<f64>> = if observations.len() <= COMPARED {
-        observations.iter().map(|o| o.point).collect()
+    let compared: Vec<Vector3<f64>> = if points.len() <= COMPARED {
+        points.clone()
     } else {
-        (0..COMPARED).map(|_| observations[random.below(observations.len())].point).collect()
+        (0..COMPARED).map(|_| points[random.below(points.len())]).collect()
     };
     let rank = agreeing(compared.len()).clamp(1, compared.len().max(1)) - 1;
     let mut distances = vec![0.0; compared.len()];
-    let mut quantile = |surface: &S| {
+    let mut quantile = |surface: &S, limit: f64| {
         for (distance, point) in distances.iter_mut().zip(&compared) {
             *distance = surface.distance(point).abs();
         }
-        ranked(&mut distances, rank).filter(|q| q.is_finite())
+        // Most are worse than what there is, which is sooner counted than the quantile found.
+        let better = distances.iter().filter(|distance| **distance < limit).count();
+        (better > rank).then(|| ranked(&mut distances, rank)).flatten()
     };
     let mut best: Vec<(f64, S)> = Vec::new();
     for _ in 0..TRIALS {
-        let minimal: Vec<usize> = (0..search.size).map(|_| random.below(observations.len())).collect();
+        let minimal: Vec<usize> = (0..search.size).map(|_| random.below(points.len())).collect();
         for surface in through(&minimal) {
-            let Some(q) = quantile(&surface) else { continue };
-            if best.len() < search.starts || best.last().is_some_and(|(worst, _)| q < *worst) {
-                let place = best.partition_point(|(other, _)| *other <= q);
-                best.insert(place, (q, surface));
-                best.truncate(search.starts);
-            }
+            let limit = best.get(search.starts - 1).map_or(f64::INFINITY, |(worst, _)| *worst);
+            let Some(q) = quantile(&surface, limit) else { continue };
+            let place = best.partition_point(|(other, _)| *other <= q);
+            best.insert(place, (q, surface));
+            best.truncate(search.starts);
         }
     }
     // Of many points some are enough: the fit that follows has all of them.
-    let step = observations.len().div_ceil(CONCENTRATED).max(1);
-    let some: Vec<Observation> = observations.iter().step_by(step).map(Observation::bare).collect();
+    let step = points.len().div_ceil(CONCENTRATED).max(1);
+    let some = Observations::bare(points.iter().step_by(step).copied().collect());
     let count = agreeing(some.len()).min(some.len());
     let concentrated =
         best.into_iter().filter_map(|(_, surface)| concentrate(&some, surface, count, sample.resolution_mm));
     let (scatter_mm, surface) = concentrated.min_by(|a, b| a.0.total_cmp(&b.0))?;
     // With few points the sample passes through most of those that agree; Rousseeuw's 1 + 5/(n − p) makes up for it.
-    let spare = observations.len().saturating_sub(P).max(1) as f64;
+    let spare = points.len().saturating_sub(P).max(1) as f64;
     Some(Start { surface, scatter_mm: scatter_mm / share.quantile * (1.0 + 5.0 / spare) })
 }
 
 /// Returns the shape fitted again and again to the `count` points nearest to it, and the distance of the farthest of them.
 fn concentrate<S: Surface<P>, const P: usize>(
-    bare: &[Observation],
+    bare: &Observations,
     start: S,
     count: usize,
     resolution_mm: f64,
@@ -140,15 +141,15 @@ fn concentrate<S: Surface<P>, const P: usize>(
     let mut candidate = start;
     for _ in 0..CONCENTRATIONS {
         let mut nearest: Vec<(f64, usize)> =
-            bare.iter().enumerate().map(|(i, o)| (candidate.distance(&o.point).abs(), i)).collect();
+            bare.points.iter().enumerate().map(|(i, p)| (candidate.distance(p).abs(), i)).collect();
         let (_, last, _) = nearest.select_nth_unstable_by(count.checked_sub(1)?, |a, b| a.0.total_cmp(&b.0));
         if last.0 >= scatter_mm {
             break;
         }
         scatter_mm = last.0;
-        let sound: Vec<&Observation> = nearest[..count].iter().map(|&(_, i)| &bare[i]).collect();
+        let sound: Vec<usize> = nearest[..count].iter().map(|&(_, i)| i).collect();
         surface = candidate;
-        match refine(surface.clone(), &sound, 1.0, resolution_mm) {
+        match refine(surface.clone(), bare, &sound, 1.0, resolution_mm) {
             Some(refined) => candidate = refined,
             None => break,
         }

@@ -9,7 +9,7 @@ use crate::neighbours::Neighbours;
 use crate::normals::{NORMAL_NEIGHBOURS, local_plane};
 use crate::plane::square_to;
 use crate::round::{Apex, nearest_on_round, principal};
-use crate::sample::{Observation, Sample};
+use crate::sample::{Observation, Observations, Sample};
 use nalgebra::{DMatrix, Matrix2, Matrix3, SMatrix, SVector, Unit, Vector2, Vector3};
 
 /// How a cylinder is fitted.
@@ -138,12 +138,11 @@ pub(crate) fn refit(
 /// Returns the cylinder of least squares of distances to points about the origin, from a start; a
 /// scatter below the resolution is none.
 pub(crate) fn least_squares(points: &[Vector3<f64>], tube: Tube, resolution_mm: f64) -> Option<Tube> {
-    let observations: Vec<Observation> = points.iter().map(|&p| Observation::at(p)).collect();
-    let all: Vec<&Observation> = observations.iter().collect();
-    Some(refine(FreeTube(tube.centred()), &all, 1.0, resolution_mm)?.0)
+    let (points, all) = (Observations::bare(points.to_vec()), (0..points.len()).collect::<Vec<_>>());
+    Some(refine(FreeTube(tube.centred()), &points, &all, 1.0, resolution_mm)?.0)
 }
 
-fn free_result(fitted: Fitted<FreeTube, 5>, sample: &Sample) -> CylinderFit {
+fn free_result(fitted: Fitted<FreeTube, 5>, sample: &Sample<'_>) -> CylinderFit {
     result(fitted.surface.0, &fitted.covariance, fitted.deviations, fitted.influence, sample, &fitted.inliers)
 }
 
@@ -153,10 +152,10 @@ fn result(
     covariance: &SMatrix<f64, 5, 5>,
     deviations: Deviations,
     influence: Influence,
-    sample: &Sample,
+    sample: &Sample<'_>,
     inliers: &[usize],
 ) -> CylinderFit {
-    let along = |i: &usize| tube.axis.dot(&(sample.observations[*i].point - tube.anchor));
+    let along = |i: &usize| tube.axis.dot(&(sample.observations.points[*i] - tube.anchor));
     let middle = inliers.iter().map(along).sum::<f64>() / inliers.len().max(1) as f64;
     let (low, high) = inliers
         .iter()
@@ -235,11 +234,11 @@ impl Tube {
 
     /// Returns the foot, its gradient by all five parameters: along the axis a point's error does not matter, so that it is
     /// the foot on a circle in the metric of the covariance's part square to the axis.
-    fn foot(&self, observation: &Observation, floor_mm: f64) -> Foot<5> {
+    fn foot(&self, observation: Observation<'_>, floor_mm: f64) -> Foot<5> {
         let [first, second] = square_to(&self.axis);
         let arm = observation.point - self.anchor;
         let flat = Vector2::new(first.dot(&arm), second.dot(&arm));
-        if observation.is_bare() {
+        if observation.spread.is_none() {
             // In the metric of space nothing has to be turned.
             let alike = Vector2::repeat(floor_mm * floor_mm);
             let (residual_mm, variance_mm2, n) = nearest_on_round(flat, &alike, self.radius);
@@ -247,8 +246,8 @@ impl Tube {
             let gradient = SVector::<f64, 5>::new(-n.x, -n.y, -n.x * height, -n.y * height, -1.0);
             return Foot { residual_mm, variance_mm2, normal: first * n.x + second * n.y, gradient };
         }
-        let variances = observation.variances.add_scalar(floor_mm * floor_mm);
-        let (a, b) = (observation.axes.tr_mul(&first), observation.axes.tr_mul(&second));
+        let variances = observation.variances(floor_mm);
+        let (a, b) = (observation.in_axes(&first), observation.in_axes(&second));
         let weighted = |v: &Vector3<f64>| v.component_mul(&variances);
         let (aa, ab, bb) = (a.dot(&weighted(&a)), a.dot(&weighted(&b)), b.dot(&weighted(&b)));
         let ([c, s], [most, least]) = principal(aa, ab, bb);
@@ -258,7 +257,7 @@ impl Tube {
             nearest_on_round(axes.tr_mul(&flat), &Vector2::new(most, least), self.radius);
         let n = axes * n;
         let normal = first * n.x + second * n.y;
-        let along = observation.axes * weighted(&observation.axes.tr_mul(&normal));
+        let along = observation.out_of_axes(&weighted(&observation.in_axes(&normal)));
         let height = self.axis.dot(&(arm - along * (residual_mm / variance_mm2)));
         let gradient = SVector::<f64, 5>::new(-n.x, -n.y, -n.x * height, -n.y * height, -1.0);
         Foot { residual_mm, variance_mm2, normal, gradient }
@@ -304,6 +303,7 @@ impl Tube {
 }
 
 impl Surface<5> for FreeTube {
+    type Feet = [Foot<5>; 1];
     const NAME: &'static str = "cylinder";
 
     fn radius_mm(&self) -> Option<f64> {
@@ -314,8 +314,8 @@ impl Surface<5> for FreeTube {
         self.0.distance(point)
     }
 
-    fn foot(&self, observation: &Observation, floor_mm: f64) -> Foot<5> {
-        self.0.foot(observation, floor_mm)
+    fn feet(&self, observation: Observation<'_>, floor_mm: f64) -> [Foot<5>; 1] {
+        [self.0.foot(observation, floor_mm)]
     }
 
     fn gradient_change(&self, foot: &Foot<5>) -> SMatrix<f64, 5, 3> {
@@ -353,6 +353,7 @@ impl Surface<5> for FreeTube {
 }
 
 impl Surface<4> for KnownTube {
+    type Feet = [Foot<4>; 1];
     const NAME: &'static str = "cylinder";
 
     fn radius_mm(&self) -> Option<f64> {
@@ -363,9 +364,9 @@ impl Surface<4> for KnownTube {
         self.0.distance(point)
     }
 
-    fn foot(&self, observation: &Observation, floor_mm: f64) -> Foot<4> {
+    fn feet(&self, observation: Observation<'_>, floor_mm: f64) -> [Foot<4>; 1] {
         let Foot { residual_mm, variance_mm2, normal, gradient } = self.0.foot(observation, floor_mm);
-        Foot { residual_mm, variance_mm2, normal, gradient: gradient.fixed_rows::<4>(0).into_owned() }
+        [Foot { residual_mm, variance_mm2, normal, gradient: gradient.fixed_rows::<4>(0).into_owned() }]
     }
 
     fn gradient_change(&self, foot: &Foot<4>) -> SMatrix<f64, 4, 3> {
@@ -394,14 +395,14 @@ fn whole(foot: &Foot<4>) -> Foot<5> {
 
 /// The sample with the normals that neighbours tell, worked out as they are asked for.
 struct Oriented<'a> {
-    sample: &'a Sample,
+    sample: &'a Sample<'a>,
     positions: Vec<[f64; 3]>,
     neighbours: Neighbours,
 }
 
 impl<'a> Oriented<'a> {
-    fn new(sample: &'a Sample) -> Result<Self, FitError> {
-        let positions: Vec<[f64; 3]> = sample.observations.iter().map(|o| o.point.into()).collect();
+    fn new(sample: &'a Sample<'a>) -> Result<Self, FitError> {
+        let positions: Vec<[f64; 3]> = sample.observations.points.iter().map(|p| (*p).into()).collect();
         let neighbours = Neighbours::new(&positions)?;
         Ok(Self { sample, positions, neighbours })
     }
@@ -416,7 +417,7 @@ impl<'a> Oriented<'a> {
     fn through_two(&self, pair: &[usize]) -> Option<Tube> {
         let &[i, j] = pair else { return None };
         let (m, n) = (self.normal(i)?, self.normal(j)?);
-        let at = |i: usize| &self.sample.observations[i].point;
+        let at = |i: usize| &self.sample.observations.points[i];
         Tube::through([at(i), at(j)], [&m, &n])
     }
 
@@ -424,7 +425,7 @@ impl<'a> Oriented<'a> {
     fn through_two_of(&self, pair: &[usize], radius: f64) -> Vec<KnownTube> {
         let Some(tube) = self.through_two(pair) else { return Vec::new() };
         let arms = pair.iter().map(|&i| {
-            let arm = self.sample.observations[i].point - tube.anchor;
+            let arm = self.sample.observations.points[i] - tube.anchor;
             arm - tube.axis.into_inner() * tube.axis.dot(&arm)
         });
         let Some(outward) = Unit::try_new(arms.sum::<Vector3<f64>>(), 0.0) else { return Vec::new() };

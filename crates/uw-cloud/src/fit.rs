@@ -41,7 +41,7 @@ use crate::floor::{Floor, noise_floor};
 use crate::newton::{MAX_ITERATIONS, Normal, minimise};
 use crate::robust::{rejection_limit, scale_about_zero, student_widening};
 use crate::round::refuse_filling;
-use crate::sample::{Observation, Sample};
+use crate::sample::{Observation, Observations, Sample};
 use nalgebra::{DMatrix, Matrix3, SMatrix, SVector, Vector3};
 
 /// Share of feigned information that is refused.
@@ -83,31 +83,20 @@ impl<const P: usize> Foot<P> {
     }
 }
 
-/// A point's foot, and its residual in a second direction where the shape is a curve.
-#[derive(Clone, Copy)]
-pub(crate) struct Feet<const P: usize>(Foot<P>, Option<Foot<P>>);
+/// Returns the Mahalanobis distance of a point's feet, not negative.
+fn distance<const P: usize>(feet: &[Foot<P>]) -> f64 {
+    feet.iter().map(|f| f.distance().powi(2)).sum::<f64>().sqrt()
+}
 
-impl<const P: usize> Feet<P> {
-    fn of<S: Surface<P>>(surface: &S, observation: &Observation, floor_mm: f64) -> Self {
-        Self(surface.foot(observation, floor_mm), surface.second_foot(observation, floor_mm))
-    }
-
-    fn each(&self) -> impl Iterator<Item = &Foot<P>> {
-        std::iter::once(&self.0).chain(&self.1)
-    }
-
-    /// Returns the Mahalanobis distance, not negative.
-    fn distance(&self) -> f64 {
-        self.each().map(|f| f.distance().powi(2)).sum::<f64>().sqrt()
-    }
-
-    fn residual_mm(&self) -> f64 {
-        self.each().map(|f| f.residual_mm.powi(2)).sum::<f64>().sqrt()
-    }
+/// Returns the distance of a point's feet in space, mm.
+fn residual_mm<const P: usize>(feet: &[Foot<P>]) -> f64 {
+    feet.iter().map(|f| f.residual_mm.powi(2)).sum::<f64>().sqrt()
 }
 
 /// A surface (or curve) with `P` free parameters θ.
 pub(crate) trait Surface<const P: usize>: Clone {
+    /// A point's foot; of a curve, which a point can miss in two directions, one for each.
+    type Feet: AsRef<[Foot<P>]> + Copy;
     /// What it is called in messages.
     const NAME: &'static str;
 
@@ -119,8 +108,8 @@ pub(crate) trait Surface<const P: usize>: Clone {
     /// Returns the signed orthogonal distance F of a point, mm.
     fn distance(&self, point: &Vector3<f64>) -> f64;
 
-    /// Returns the surface point that is nearest in the metric of C + f² I.
-    fn foot(&self, observation: &Observation, floor_mm: f64) -> Foot<P>;
+    /// Returns the surface point that is nearest in the metric of C + f² I, and its residuals in each direction, independent of each other.
+    fn feet(&self, observation: Observation<'_>, floor_mm: f64) -> Self::Feet;
 
     /// Returns G, the derivatives of ∂F/∂θ by the foot's position along the surface.
     fn gradient_change(&self, foot: &Foot<P>) -> SMatrix<f64, P, 3>;
@@ -128,12 +117,6 @@ pub(crate) trait Surface<const P: usize>: Clone {
     /// Returns the derivatives of the unit normal by the foot's position: nil of a plane.
     fn normal_change(&self, _: &Foot<P>) -> Matrix3<f64> {
         Matrix3::zeros()
-    }
-
-    /// Returns the residual in a second direction, for a curve, to which a point can lie beside in two; it is independent of
-    /// the first one.
-    fn second_foot(&self, _: &Observation, _: f64) -> Option<Foot<P>> {
-        None
     }
 
     /// Returns what gives a foot's derivatives by the steps that [`Surface::moved`] takes: those of θ, where the way to the minimum is not bent in it.
@@ -158,27 +141,29 @@ pub(crate) struct Fitted<S, const P: usize> {
     floor: Floor,
 }
 
-/// Returns the surface of least Σ d² over the given points, from a start; `None` where there is none.
+/// Returns the surface of least Σ d² over the chosen points, from a start; `None` where there is none.
 pub(crate) fn refine<S: Surface<P>, const P: usize>(
     start: S,
-    points: &[&Observation],
+    points: &Observations,
+    chosen: &[usize],
     floor_mm: f64,
     resolution_mm: f64,
 ) -> Option<S> {
-    let negligible = points.len() as f64 * (resolution_mm / floor_mm).powi(2);
-    minimise(start, negligible, |s| normal_equations(s, points, floor_mm), S::moved)
+    let negligible = chosen.len() as f64 * (resolution_mm / floor_mm).powi(2);
+    minimise(start, negligible, |s| normal_equations(s, points, chosen, floor_mm), S::moved)
 }
 
 /// Returns Σ d² and its derivatives.
 fn normal_equations<S: Surface<P>, const P: usize>(
     surface: &S,
-    points: &[&Observation],
+    points: &Observations,
+    chosen: &[usize],
     floor_mm: f64,
 ) -> Normal<P> {
     let lever = surface.lever();
     let mut normal = Normal::zero();
-    for observation in points {
-        for foot in Feet::of(surface, observation, floor_mm).each() {
+    for &i in chosen {
+        for foot in surface.feet(points.get(i), floor_mm).as_ref() {
             let lever = lever(foot);
             let weighted = lever / foot.variance_mm2;
             normal.cost += foot.residual_mm * foot.residual_mm / foot.variance_mm2;
@@ -191,17 +176,23 @@ fn normal_equations<S: Surface<P>, const P: usize>(
 
 /// Returns the standard deviation of distances in units of their own, half of which may be anything: the larger one of the two directions that a curve is missed in. Where points lie in one plane to the
 /// last digit there is none in the one, and together the median would be nil.
-fn scatter<'a, const P: usize>(feet: impl Iterator<Item = &'a Feet<P>> + Clone) -> f64 {
-    let first = scale_about_zero(feet.clone().map(|feet| feet.0.distance()));
-    first.max(scale_about_zero(feet.filter_map(|feet| Some(feet.1.as_ref()?.distance()))))
+fn scatter<F: AsRef<[Foot<P>]>, const P: usize>(feet: &[&F]) -> f64 {
+    let directions = feet.first().map_or(0, |feet| feet.as_ref().len());
+    let of = |direction: usize| scale_about_zero(feet.iter().map(|feet| feet.as_ref()[direction].distance()));
+    (0..directions).map(of).fold(0.0, f64::max)
+}
+
+/// Returns what belongs to the sound points.
+fn those<'a, T>(all: &'a [T], sound: &'a [bool]) -> impl Iterator<Item = &'a T> {
+    all.iter().zip(sound).filter(|(_, sound)| **sound).map(|(own, _)| own)
 }
 
 /// Where a fit stands: the surface, its floor, which points are sound, and their residuals.
-struct Stand<S, const P: usize> {
+struct Stand<S: Surface<P>, const P: usize> {
     surface: S,
     floor: Floor,
     inliers: Vec<bool>,
-    feet: Vec<Feet<P>>,
+    feet: Vec<S::Feet>,
 }
 
 /// Returns the maximum-likelihood surface for the points that agree with it, beginning at a start whose points
@@ -211,39 +202,37 @@ struct Stand<S, const P: usize> {
 pub(crate) fn fit<S: Surface<P>, const P: usize>(
     start: &S,
     scatter_mm: f64,
-    sample: &Sample,
+    sample: &Sample<'_>,
 ) -> Result<Fitted<S, P>, FitError> {
     let all = &sample.observations;
     let limit = rejection_limit(all.len());
     let reach = limit * scatter_mm.max(sample.resolution_mm);
     let first = if sample.has_covariances { scatter_mm.max(sample.resolution_mm) } else { 1.0 };
     let first = Floor { likely_mm: first, used_mm: first, scale: 1.0 };
-    let near =
-        |points: &[&Observation]| points.iter().map(|o| start.distance(&o.point).abs() <= reach).collect();
-    let from = |before: Option<Stand<S, P>>, points: &[&Observation]| {
+    let near = |i: &usize| start.distance(&all.points[*i]).abs() <= reach;
+    let from = |before: Option<Stand<S, P>>, points: &[usize]| {
         let Some(Stand { surface, floor, inliers, feet }) = before else {
-            return settled(start.clone(), first, near(points), points, limit, sample);
+            return settled(start.clone(), first, points.iter().map(near).collect(), points, limit, sample);
         };
-        let sound = feet.iter().zip(&inliers).filter(|(_, sound)| **sound);
-        let accepted = scatter(sound.map(|(feet, _)| feet));
+        let accepted = scatter(&those(&feet, &inliers).collect::<Vec<_>>());
         let accepted = if sample.has_covariances { accepted.max(1.0) } else { accepted };
-        let sound = |o: &&Observation| {
-            let foot = Feet::of(&surface, o, floor.used_mm);
-            foot.distance() <= limit * accepted || foot.residual_mm() <= sample.resolution_mm
+        let sound = |i: &usize| {
+            let feet = surface.feet(all.get(*i), floor.used_mm);
+            distance(feet.as_ref()) <= limit * accepted || residual_mm(feet.as_ref()) <= sample.resolution_mm
         };
         let inliers = points.iter().map(sound).collect();
         settled(surface, floor, inliers, points, limit, sample)
     };
     let mut prepared = None;
     for count in PREPARED.into_iter().filter(|count| all.len() >= 2 * count) {
-        let few: Vec<&Observation> = all.iter().step_by(all.len().div_ceil(count)).collect();
+        let few: Vec<usize> = (0..all.len()).step_by(all.len().div_ceil(count)).collect();
         prepared = from(prepared, &few).ok();
     }
-    let stand = from(prepared, &all.iter().collect::<Vec<_>>());
+    let stand = from(prepared, &(0..all.len()).collect::<Vec<_>>());
     let Stand { surface, floor, inliers, feet } = stand?;
     let inliers: Vec<usize> = (0..all.len()).filter(|&i| inliers[i]).collect();
     let (covariance, influence) = covariance(&surface, sample, &feet, &inliers, floor)?;
-    let distances: Vec<f64> = inliers.iter().map(|&i| surface.distance(&all[i].point)).collect();
+    let distances: Vec<f64> = inliers.iter().map(|&i| surface.distance(&all.points[i])).collect();
     if let Some(radius_mm) = surface.radius_mm() {
         refuse_filling(S::NAME, radius_mm, &distances)?;
     }
@@ -257,44 +246,44 @@ fn settled<S: Surface<P>, const P: usize>(
     mut surface: S,
     mut floor: Floor,
     mut inliers: Vec<bool>,
-    points: &[&Observation],
+    points: &[usize],
     limit: f64,
-    sample: &Sample,
+    sample: &Sample<'_>,
 ) -> Result<Stand<S, P>, FitError> {
     let needed = P + usize::from(!sample.has_covariances);
     // One piece of memory for all rounds: the system takes longer to give a new one than a round takes.
-    let mut feet: Vec<Feet<P>> = Vec::with_capacity(points.len());
+    let mut feet: Vec<S::Feet> = Vec::with_capacity(points.len());
     for round in 1.. {
         let count = inliers.iter().filter(|&&sound| sound).count();
         if count < needed {
             return Err(FitError::NoConsensus { shape: S::NAME, needed, got: count, points: points.len() });
         }
-        let sound: Vec<_> =
-            points.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(o, _)| *o).collect();
-        surface = refine(surface, &sound, floor.used_mm, sample.resolution_mm)
+        let sound: Vec<usize> = those(points, &inliers).copied().collect();
+        surface = refine(surface, &sample.observations, &sound, floor.used_mm, sample.resolution_mm)
             .ok_or(FitError::NotConverged { shape: S::NAME, iterations: MAX_ITERATIONS })?;
         feet.clear();
-        feet.extend(points.iter().map(|o| Feet::of(&surface, o, floor.used_mm)));
-        let kept: Vec<_> = feet.iter().zip(&inliers).filter(|(_, sound)| **sound).map(|(f, _)| f).collect();
-        let residuals = || kept.iter().flat_map(|f| f.each());
-        let mut accepted = scatter(kept.iter().copied());
+        feet.extend(points.iter().map(|&i| surface.feet(sample.observations.get(i), floor.used_mm)));
+        let kept: Vec<_> = those(&feet, &inliers).collect();
+        let residuals = || kept.iter().flat_map(AsRef::as_ref);
+        let mut accepted = scatter(&kept);
         let next_floor = if sample.has_covariances {
             // A covariance that is too large by all appearances still says what error was to be expected.
             accepted = accepted.max(1.0);
             let used2 = floor.used_mm * floor.used_mm;
             let mut residuals = Vec::with_capacity(count);
-            for (o, feet) in sound.iter().zip(&kept) {
-                let bend = bend_variance(&surface, o, &feet.0, floor.used_mm);
+            for (&i, feet) in sound.iter().zip(&kept) {
+                let feet = feet.as_ref();
+                let bend = bend_variance(&surface, sample.observations.get(i), &feet[0], floor.used_mm);
                 let told = |f: &Foot<P>| (f.residual_mm, (f.variance_mm2 - used2).max(0.0) + bend);
-                residuals.extend(feet.each().map(told));
+                residuals.extend(feet.iter().map(told));
             }
             noise_floor(&residuals, P, sample.resolution_mm)
         } else {
             let chi2: f64 = residuals().map(|f| f.distance().powi(2)).sum();
             Floor { scale: chi2 / residuals().count().saturating_sub(P).max(1) as f64, ..floor }
         };
-        let sound = |f: &Feet<P>| f.distance() <= limit * accepted || f.residual_mm() <= sample.resolution_mm;
-        let next: Vec<bool> = feet.iter().map(sound).collect();
+        let sound = |f: &[Foot<P>]| distance(f) <= limit * accepted || residual_mm(f) <= sample.resolution_mm;
+        let next: Vec<bool> = feet.iter().map(|feet| sound(feet.as_ref())).collect();
         let settled = next == inliers && (next_floor.used_mm / floor.used_mm).ln().abs() < FLOOR_TOLERANCE;
         if settled || round == MAX_ROUNDS {
             // Inliers and weights are those that the surface was fitted with; the estimates are the latest.
@@ -313,7 +302,7 @@ fn settled<S: Surface<P>, const P: usize>(
 /// on the surface by chance. But the foot of such a point may be anywhere along the light, and the surface bends away from that.
 fn bend_variance<S: Surface<P>, const P: usize>(
     surface: &S,
-    observation: &Observation,
+    observation: Observation<'_>,
     foot: &Foot<P>,
     floor_mm: f64,
 ) -> f64 {
@@ -329,16 +318,17 @@ fn sliding(covariance: &Matrix3<f64>, normal: &Vector3<f64>) -> Matrix3<f64> {
 }
 
 /// Returns Σ d²/φ over all points, each at most at the rejection limit, in a given floor and scale.
-fn bounded_chi2<S: Surface<P>, const P: usize>(surface: &S, sample: &Sample, floor: Floor) -> f64 {
+fn bounded_chi2<S: Surface<P>, const P: usize>(surface: &S, sample: &Sample<'_>, floor: Floor) -> f64 {
     let limit = rejection_limit(sample.observations.len());
-    let share = |o: &Observation| {
+    let share = |i: usize| {
         let chi2 = |foot: &Foot<P>| {
             let variance = (floor.scale * foot.variance_mm2).max(sample.resolution_mm.powi(2));
             foot.residual_mm * foot.residual_mm / variance
         };
-        Feet::of(surface, o, floor.used_mm).each().map(chi2).sum::<f64>().min(limit * limit)
+        let feet = surface.feet(sample.observations.get(i), floor.used_mm);
+        feet.as_ref().iter().map(chi2).sum::<f64>().min(limit * limit)
     };
-    sample.observations.iter().map(share).sum()
+    (0..sample.observations.len()).map(share).sum()
 }
 
 /// Returns the fit from another start, and by how much more chi² it is worse than `fitted`; `None` where it comes to
@@ -346,19 +336,18 @@ fn bounded_chi2<S: Surface<P>, const P: usize>(surface: &S, sample: &Sample, flo
 pub(crate) fn rival<S: Surface<P>, const P: usize>(
     start: S,
     fitted: &Fitted<S, P>,
-    sample: &Sample,
+    sample: &Sample<'_>,
     decisive: f64,
 ) -> Option<(Fitted<S, P>, f64)> {
     let all = &sample.observations;
-    let sound: Vec<_> = fitted.inliers.iter().map(|&i| &all[i]).collect();
-    let start = refine(start, &sound, fitted.floor.used_mm, sample.resolution_mm)?;
+    let start = refine(start, all, &fitted.inliers, fitted.floor.used_mm, sample.resolution_mm)?;
     let worse = |surface: &S, floor| {
         bounded_chi2(surface, sample, floor) - bounded_chi2(&fitted.surface, sample, floor)
     };
     if worse(&start, fitted.floor) > decisive {
         return None;
     }
-    let nearness = |surface: &S| scale_about_zero(all.iter().map(|o| surface.distance(&o.point)));
+    let nearness = |surface: &S| scale_about_zero(all.points.iter().map(|point| surface.distance(point)));
     let other = fit(&start, fitted.deviations.rms_mm, sample).ok()?;
     // Both in the floor and the scale of the one that is nearer to most points: a bad fit forgives too much.
     let nearer = if nearness(&other.surface) < nearness(&fitted.surface) { &other } else { fitted };
@@ -369,8 +358,8 @@ pub(crate) fn rival<S: Surface<P>, const P: usize>(
 /// Returns the covariance of the parameters, as the module's documentation describes, and how they follow the points.
 fn covariance<S: Surface<P>, const P: usize>(
     surface: &S,
-    sample: &Sample,
-    feet: &[Feet<P>],
+    sample: &Sample<'_>,
+    feet: &[S::Feet],
     inliers: &[usize],
     floor: Floor,
 ) -> Result<(SMatrix<f64, P, P>, Influence), FitError> {
@@ -380,8 +369,8 @@ fn covariance<S: Surface<P>, const P: usize>(
     let mut feigned = SMatrix::<f64, P, P>::zeros();
     let mut scatter = SMatrix::<f64, P, P>::zeros();
     for &i in inliers {
-        let v = sample.observations[i].covariance(floor.likely_mm) * scale;
-        for foot in feet[i].each() {
+        let v = sample.observations.get(i).covariance(floor.likely_mm) * scale;
+        for foot in feet[i].as_ref() {
             let expected = scale * ((foot.variance_mm2 - used2).max(0.0) + likely2);
             let square = foot.gradient * foot.gradient.transpose() / foot.variance_mm2;
             information += square;
@@ -415,7 +404,7 @@ fn covariance<S: Surface<P>, const P: usize>(
     let influence = influence(sample, feet, inliers, &(feigned / inliers.len().max(1) as f64))
         .ok_or_else(|| undetermined(noise_share))?;
     let scatter = with_shared_errors(scatter, sample, feet, inliers);
-    let dof = inliers.iter().map(|&i| feet[i].each().count()).sum::<usize>().saturating_sub(P);
+    let dof = inliers.iter().map(|&i| feet[i].as_ref().len()).sum::<usize>().saturating_sub(P);
     let widening =
         if sample.has_covariances && floor.scale <= 1.0 { 1.0 } else { student_widening(dof).powi(2) };
     let shared = SVector::<f64, P>::from_column_slice(&influence.shared);
@@ -428,41 +417,41 @@ fn covariance<S: Surface<P>, const P: usize>(
 
 /// Returns how the parameters follow the points: by the implicit function theorem on Σ g r / v = 0, a point's step δ moves
 /// them by −A⁻¹ g nᵀδ / v. Every so many-th point stands for its neighbours. Besides, how they follow what the points share.
-fn influence<const P: usize>(
-    sample: &Sample,
-    feet: &[Feet<P>],
+fn influence<F: AsRef<[Foot<P>]>, const P: usize>(
+    sample: &Sample<'_>,
+    feet: &[F],
     inliers: &[usize],
     feigned_a_point: &SMatrix<f64, P, P>,
 ) -> Option<Influence> {
     let chosen = || inliers.iter().step_by(inliers.len().div_ceil(INFLUENTIAL).max(1));
     let mut information = SMatrix::<f64, P, P>::zeros();
-    for foot in chosen().flat_map(|&i| feet[i].each()) {
+    for foot in chosen().flat_map(|&i| feet[i].as_ref()) {
         information += foot.gradient * foot.gradient.transpose() / foot.variance_mm2;
     }
     let inverse = (information - feigned_a_point * chosen().count() as f64).try_inverse()?;
     let mut shared = SVector::<f64, P>::zeros();
     let one = |(&i, foot): (&usize, &Foot<P>)| {
-        let observation = &sample.observations[i];
+        let index = sample.order[i];
         let gain = -(inverse * foot.gradient) / foot.variance_mm2;
-        shared += gain * foot.normal.dot(&observation.shared);
-        InfluencePoint {
-            index: observation.index,
-            normal: foot.normal.into(),
-            gain: gain.iter().copied().collect(),
-        }
+        let step =
+            sample.cloud.shared_mm().map_or_else(Vector3::zeros, |all| all[index].map(f64::from).into());
+        shared += gain * foot.normal.dot(&step);
+        InfluencePoint { index, normal: foot.normal.into(), gain: gain.iter().copied().collect() }
     };
-    let points = chosen().flat_map(|i| feet[*i].each().map(move |foot| (i, foot))).map(one).collect();
+    let points =
+        chosen().flat_map(|i| feet[*i].as_ref().iter().map(move |foot| (i, foot))).map(one).collect();
     Some(Influence { points, shared: shared.iter().copied().collect() })
 }
 
 /// Returns the scatter of Σ g r / v, larger where blocks of neighbours on a stripe show more of it than single points.
-fn with_shared_errors<const P: usize>(
+fn with_shared_errors<F: AsRef<[Foot<P>]>, const P: usize>(
     scatter: SMatrix<f64, P, P>,
-    sample: &Sample,
-    feet: &[Feet<P>],
+    sample: &Sample<'_>,
+    feet: &[F],
     inliers: &[usize],
 ) -> SMatrix<f64, P, P> {
-    let image = |i: &usize| sample.observations[*i].image;
+    let images = sample.cloud.frame_rows();
+    let image = |i: &usize| images.map(|images| images[sample.order[*i]]);
     let mut blocks = 0;
     let mut shared = SMatrix::<f64, P, P>::zeros();
     let stripes = inliers.chunk_by(|a, b| image(a) == image(b)).filter(|stripe| image(&stripe[0]).is_some());
@@ -470,7 +459,7 @@ fn with_shared_errors<const P: usize>(
         let pull = |f: &Foot<P>| f.gradient * (f.residual_mm / f.variance_mm2);
         let sum = block
             .iter()
-            .flat_map(|&i| feet[i].each())
+            .flat_map(|&i| feet[i].as_ref())
             .map(pull)
             .fold(SVector::<f64, P>::zeros(), |a, b| a + b);
         shared += sum * sum.transpose();

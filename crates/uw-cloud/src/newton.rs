@@ -49,15 +49,17 @@ pub(crate) fn minimise<S, const P: usize>(
         for i in 0..P {
             damped[(i, i)] *= 1.0 + damping;
         }
-        let trial = damped.cholesky().map(|factor| -factor.solve(&normal.gradient)).map(|step| {
-            let predicted = -step.dot(&normal.gradient);
-            let next = moved(&at, &step);
-            let next_normal = evaluate(&next);
-            (predicted, next, next_normal)
-        });
+        let step = damped.cholesky().map(|factor| -factor.solve(&normal.gradient));
+        let trial = step.map(|step| (-step.dot(&normal.gradient), moved(&at, &step)));
+        let trial = match trial {
+            // So little is not worth a look, which may find nothing but rounding.
+            Some((predicted, next)) if damping <= 10.0 && predicted <= COST_TOLERANCE * normal.cost => {
+                return Some(next);
+            }
+            trial => trial.map(|(predicted, next)| (predicted, evaluate(&next), next)),
+        };
         match trial {
-            Some((predicted, next, next_normal)) if next_normal.cost <= normal.cost => {
-                let done = damping <= 10.0 && predicted <= COST_TOLERANCE * normal.cost;
+            Some((predicted, next_normal, next)) if next_normal.cost <= normal.cost => {
                 let gain = (normal.cost - next_normal.cost) / predicted;
                 (at, normal) = (next, next_normal);
                 // Curvature that Gauss and Newton leave out makes steps too long: then the gain is small.
@@ -66,13 +68,9 @@ pub(crate) fn minimise<S, const P: usize>(
                 } else if gain < 0.25 {
                     damping *= 10.0;
                 }
-                if done || normal.cost <= negligible {
+                if normal.cost <= negligible {
                     return Some(at);
                 }
-            }
-            // At the minimum rounding alone may raise the cost.
-            Some((predicted, ..)) if damping <= 10.0 && predicted <= COST_TOLERANCE * normal.cost => {
-                return Some(at);
             }
             _ if damping > MAX_DAMPING => return Some(at),
             _ => damping *= 10.0,

@@ -104,7 +104,7 @@ pub(crate) fn least_squares(
 }
 
 /// Returns the result in the cloud's frame, its normal towards the sensor.
-fn result(mut fitted: Fitted<Flat, 3>, sample: &Sample, sensor: &Vector3<f64>) -> PlaneFit {
+fn result(mut fitted: Fitted<Flat, 3>, sample: &Sample<'_>, sensor: &Vector3<f64>) -> PlaneFit {
     let towards = fitted.surface.distance(&(sensor - sample.centre));
     let mut jacobian = fitted.surface.jacobian(&sample.centre);
     if towards < 0.0 {
@@ -164,27 +164,28 @@ impl Flat {
 }
 
 impl Surface<3> for Flat {
+    type Feet = [Foot<3>; 1];
     const NAME: &'static str = "plane";
 
     fn distance(&self, point: &Vector3<f64>) -> f64 {
         self.normal.dot(&(point - self.anchor))
     }
 
-    fn foot(&self, observation: &Observation, floor_mm: f64) -> Foot<3> {
+    fn feet(&self, observation: Observation<'_>, floor_mm: f64) -> [Foot<3>; 1] {
         let residual_mm = self.distance(&observation.point);
-        let (variance_mm2, shift) = if observation.is_bare() {
+        let (variance_mm2, shift) = if observation.spread.is_none() {
             (floor_mm * floor_mm, self.normal.into_inner() * residual_mm)
         } else {
-            let along = observation.axes.tr_mul(&self.normal);
-            let variances = observation.variances.add_scalar(floor_mm * floor_mm);
+            let along = observation.in_axes(&self.normal);
+            let variances = observation.variances(floor_mm);
             let variance_mm2 = along.component_mul(&along).dot(&variances);
-            let shift = observation.axes * along.component_mul(&variances);
+            let shift = observation.out_of_axes(&along.component_mul(&variances));
             (variance_mm2, shift * (residual_mm / variance_mm2))
         };
         let arm = observation.point - shift - self.anchor;
         let [first, second] = self.tangents;
         let gradient = SVector::<f64, 3>::new(first.dot(&arm), second.dot(&arm), 1.0);
-        Foot { residual_mm, variance_mm2, normal: self.normal.into_inner(), gradient }
+        [Foot { residual_mm, variance_mm2, normal: self.normal.into_inner(), gradient }]
     }
 
     fn gradient_change(&self, _: &Foot<3>) -> SMatrix<f64, 3, 3> {

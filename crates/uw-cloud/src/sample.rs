@@ -1,4 +1,4 @@
-//! The points that a fit works on: distinct, checked, near the origin, with the principal axes of their covariances.
+//! The points that a fit works on: distinct, checked, near the origin, with the principal axes of their covariances where there are any.
 
 use crate::cloud::{PointCloud, unpacked};
 use crate::error::{CloudError, FitError};
@@ -9,57 +9,80 @@ use nalgebra::{Matrix3, Vector3};
 /// A covariance's negative eigenvalue, in shares of its largest, that its rounding to f32 explains.
 const COVARIANCE_ROUNDING: f64 = 1e-5;
 
-/// One point, relative to the centre of its [`Sample`], with the principal axes of its covariance.
+/// Points of which the middle is taken: anywhere among them is as good.
+const CENTRING: usize = 4096;
+
+/// What is told of a point's error: the principal axes of its covariance, as columns, and the variances along them, mm².
 #[derive(Debug, Clone)]
-pub(crate) struct Observation {
-    /// Position, mm.
-    pub(crate) point: Vector3<f64>,
-    /// Principal axes of the covariance, as columns.
-    pub(crate) axes: Matrix3<f64>,
-    /// Variances along them, mm².
-    pub(crate) variances: Vector3<f64>,
-    /// Its step where the error that all points share is off by one standard deviation, mm.
-    pub(crate) shared: Vector3<f64>,
-    /// The image that it was seen in.
-    pub(crate) image: Option<u32>,
-    /// Which point of the cloud it is.
-    pub(crate) index: usize,
+pub(crate) struct Spread {
+    axes: Matrix3<f64>,
+    variances: Vector3<f64>,
 }
 
-impl Observation {
-    /// Returns a position without anything else.
-    pub(crate) fn at(point: Vector3<f64>) -> Self {
-        Self {
-            point,
-            axes: Matrix3::identity(),
-            variances: Vector3::zeros(),
-            shared: Vector3::zeros(),
-            image: None,
-            index: 0,
-        }
+/// A point, mm, and what is told of its error.
+#[derive(Clone, Copy)]
+pub(crate) struct Observation<'a> {
+    pub(crate) point: Vector3<f64>,
+    pub(crate) spread: Option<&'a Spread>,
+}
+
+impl Observation<'_> {
+    /// Returns a vector in the principal axes of V = C + f² I; without a covariance any axes are.
+    pub(crate) fn in_axes(&self, vector: &Vector3<f64>) -> Vector3<f64> {
+        self.spread.map_or(*vector, |spread| spread.axes.tr_mul(vector))
     }
 
-    /// Returns whether nothing is told of its errors.
-    pub(crate) fn is_bare(&self) -> bool {
-        self.variances.iter().all(|variance| *variance <= 0.0)
+    /// Returns a vector that is given in the principal axes.
+    pub(crate) fn out_of_axes(&self, vector: &Vector3<f64>) -> Vector3<f64> {
+        self.spread.map_or(*vector, |spread| spread.axes * vector)
     }
 
-    /// Returns the same position without its covariance.
-    pub(crate) fn bare(&self) -> Self {
-        Self { axes: Matrix3::identity(), variances: Vector3::zeros(), ..self.clone() }
+    /// Returns the variances of V along the principal axes, mm².
+    pub(crate) fn variances(&self, floor_mm: f64) -> Vector3<f64> {
+        let floor_mm2 = floor_mm * floor_mm;
+        self.spread.map_or(Vector3::repeat(floor_mm2), |spread| spread.variances.add_scalar(floor_mm2))
     }
 
-    /// Returns V = C + f² I, mm².
+    /// Returns V, mm².
     pub(crate) fn covariance(&self, floor_mm: f64) -> Matrix3<f64> {
-        let variances = self.variances.add_scalar(floor_mm * floor_mm);
-        self.axes * Matrix3::from_diagonal(&variances) * self.axes.transpose()
+        let variances = Matrix3::from_diagonal(&self.variances(floor_mm));
+        self.spread.map_or(variances, |spread| spread.axes * variances * spread.axes.transpose())
+    }
+}
+
+/// Points, mm, and where there are covariances what they tell of each.
+///
+/// Apart from each other, since points without covariances are many times as fast where they lie side by side.
+pub(crate) struct Observations {
+    pub(crate) points: Vec<Vector3<f64>>,
+    spreads: Vec<Spread>,
+}
+
+impl Observations {
+    /// Returns points of whose errors nothing is told.
+    pub(crate) fn bare(points: Vec<Vector3<f64>>) -> Self {
+        Self { points, spreads: Vec::new() }
+    }
+
+    /// Returns the number of points.
+    pub(crate) fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Returns one of them.
+    pub(crate) fn get(&self, i: usize) -> Observation<'_> {
+        Observation { point: self.points[i], spread: self.spreads.get(i) }
     }
 }
 
 /// The distinct points of a cloud, moved to the middle of them so that offsets cost no digits.
-pub(crate) struct Sample {
-    /// The points.
-    pub(crate) observations: Vec<Observation>,
+pub(crate) struct Sample<'a> {
+    /// Where they are from.
+    pub(crate) cloud: &'a PointCloud,
+    /// The points, relative to the centre.
+    pub(crate) observations: Observations,
+    /// Which points of the cloud they are.
+    pub(crate) order: Vec<usize>,
     /// What was subtracted from the positions, mm.
     pub(crate) centre: Vector3<f64>,
     /// Points left out because another one has the same position.
@@ -70,16 +93,16 @@ pub(crate) struct Sample {
     pub(crate) resolution_mm: f64,
 }
 
-impl Sample {
+impl<'a> Sample<'a> {
     /// Returns the points of a cloud for a shape of `unknowns` parameters.
-    pub(crate) fn new(cloud: &PointCloud, shape: &'static str, unknowns: usize) -> Result<Self, FitError> {
+    pub(crate) fn new(cloud: &'a PointCloud, shape: &'static str, unknowns: usize) -> Result<Self, FitError> {
         check_positions(cloud)?;
         Self::of(cloud, (0..cloud.len()).collect(), shape, unknowns)
     }
 
     /// Returns some points of a cloud that was checked, by their indices.
     pub(crate) fn of(
-        cloud: &PointCloud,
+        cloud: &'a PointCloud,
         mut order: Vec<usize>,
         shape: &'static str,
         unknowns: usize,
@@ -92,32 +115,29 @@ impl Sample {
         if order.len() < needed {
             return Err(FitError::TooFewPoints { shape, needed, got: order.len() });
         }
-        let middle = |axis: usize| {
-            median(&mut order.iter().map(|&i| cloud.positions_mm()[i][axis]).collect::<Vec<_>>())
-        };
+        let some = || order.iter().step_by(order.len().div_ceil(CENTRING));
+        let middle =
+            |axis: usize| median(&mut some().map(|&i| cloud.positions_mm()[i][axis]).collect::<Vec<_>>());
         let centre = Vector3::new(middle(0), middle(1), middle(2));
         let mut largest = 0.0_f64;
-        let mut observations = Vec::with_capacity(order.len());
+        let mut points = Vec::with_capacity(order.len());
+        let mut spreads = Vec::with_capacity(covariances.map_or(0, |_| order.len()));
         for &index in &order {
             let position = cloud.vector(index);
             largest = largest.max(position.amax());
-            let mut observation = Observation {
-                point: position - centre,
-                axes: Matrix3::identity(),
-                variances: Vector3::zeros(),
-                shared: cloud.shared_mm().map_or_else(Vector3::zeros, |all| all[index].map(f64::from).into()),
-                image: cloud.frame_rows().map(|rows| rows[index]),
-                index,
-            };
+            points.push(position - centre);
             if let Some(covariance) = covariances.map(|all| &all[index]) {
-                (observation.axes, observation.variances) = principal(covariance)
-                    .map_err(|variance_mm2| FitError::InvalidCovariance { index, variance_mm2 })?;
+                let spread = principal(covariance);
+                spreads.push(
+                    spread.map_err(|variance_mm2| FitError::InvalidCovariance { index, variance_mm2 })?,
+                );
             }
-            observations.push(observation);
         }
         Ok(Self {
             duplicates: given - order.len(),
-            observations,
+            cloud,
+            observations: Observations { points, spreads },
+            order,
             centre,
             has_covariances: covariances.is_some(),
             resolution_mm: 16.0 * f64::EPSILON * largest,
@@ -151,23 +171,22 @@ fn keep_first(order: &mut Vec<usize>, positions: &[[f64; 3]]) {
     });
 }
 
-impl Sample {
+impl Sample<'_> {
     /// Returns the positions of some of the observations.
     pub(crate) fn points(&self, chosen: &[usize]) -> Vec<Vector3<f64>> {
-        chosen.iter().map(|&i| self.observations[i].point).collect()
+        chosen.iter().map(|&i| self.observations.points[i]).collect()
     }
 
     /// Returns which points of the cloud some of the observations are.
     pub(crate) fn indices(&self, chosen: &[usize]) -> Vec<usize> {
-        chosen.iter().map(|&i| self.observations[i].index).collect()
+        chosen.iter().map(|&i| self.order[i]).collect()
     }
 }
 
-/// Returns the principal axes of a covariance, as columns, and the variances along them, mm²; the negative variance where it is
-/// no covariance.
+/// Returns what a covariance tells of its point; the negative variance where it is no covariance.
 ///
 /// A scanner's is of rank one but for rounding, and then known without an eigenvalue problem.
-fn principal(covariance: &[f32; 6]) -> Result<(Matrix3<f64>, Vector3<f64>), f64> {
+fn principal(covariance: &[f32; 6]) -> Result<Spread, f64> {
     let matrix = unpacked(covariance);
     let column = matrix.column(matrix.diagonal().imax());
     if let Some(axis) = column.try_normalize(0.0) {
@@ -176,7 +195,8 @@ fn principal(covariance: &[f32; 6]) -> Result<(Matrix3<f64>, Vector3<f64>), f64>
             && (matrix - axis * axis.transpose() * variance).amax() <= COVARIANCE_ROUNDING * variance
         {
             let [first, second] = square_to(&axis);
-            return Ok((Matrix3::from_columns(&[axis, first, second]), Vector3::new(variance, 0.0, 0.0)));
+            let axes = Matrix3::from_columns(&[axis, first, second]);
+            return Ok(Spread { axes, variances: Vector3::new(variance, 0.0, 0.0) });
         }
     }
     let eigen = matrix.symmetric_eigen();
@@ -184,7 +204,7 @@ fn principal(covariance: &[f32; 6]) -> Result<(Matrix3<f64>, Vector3<f64>), f64>
     if least < -COVARIANCE_ROUNDING * eigen.eigenvalues.max() {
         return Err(least);
     }
-    Ok((eigen.eigenvectors, eigen.eigenvalues.map(|v| v.max(0.0))))
+    Ok(Spread { axes: eigen.eigenvectors, variances: eigen.eigenvalues.map(|v| v.max(0.0)) })
 }
 
 /// Checks that all that a fit uses is finite, and small enough for squares of it to be.
@@ -216,7 +236,7 @@ mod tests {
         let full = rank_one + Matrix3::from_diagonal(&Vector3::new(0.01, 0.02, 0.03));
         for matrix in [rank_one, full, Matrix3::zeros(), Matrix3::identity()] {
             let packed = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|at| matrix[at] as f32);
-            let (axes, variances) = principal(&packed).unwrap();
+            let Spread { axes, variances } = principal(&packed).unwrap();
             let again = axes * Matrix3::from_diagonal(&variances) * axes.transpose();
             // f32 holds seven digits.
             assert!((again - matrix).amax() < 1e-6, "{matrix} {again}");

@@ -7,7 +7,7 @@ use crate::error::FitError;
 use crate::fit::{Fitted, Foot, Surface, fit, refine, rival};
 use crate::plane::square_to;
 use crate::round::{Apex, nearest_on_round};
-use crate::sample::{Observation, Sample};
+use crate::sample::{Observation, Observations, Sample};
 use nalgebra::{DMatrix, Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
 /// By how much chi² has to be worse for the other side of a cap of known radius to be ruled out: three sigma.
@@ -104,7 +104,7 @@ pub fn fit_sphere(cloud: &PointCloud, options: &SphereOptions) -> Result<SphereF
 /// Returns the result in the cloud's frame.
 fn result(
     ball: &Ball,
-    sample: &Sample,
+    sample: &Sample<'_>,
     covariance: Matrix4<f64>,
     deviations: Deviations,
     influence: Influence,
@@ -144,19 +144,18 @@ pub(crate) fn least_squares(
     radius: f64,
     resolution_mm: f64,
 ) -> Option<(Vector3<f64>, f64)> {
-    let observations: Vec<Observation> = points.iter().map(|&p| Observation::at(p)).collect();
-    let all: Vec<&Observation> = observations.iter().collect();
-    let ball = refine(FreeSphere(Ball { center, radius }), &all, 1.0, resolution_mm)?.0;
+    let (points, all) = (Observations::bare(points.to_vec()), (0..points.len()).collect::<Vec<_>>());
+    let ball = refine(FreeSphere(Ball { center, radius }), &points, &all, 1.0, resolution_mm)?.0;
     Some((ball.center, ball.radius))
 }
 
 /// Returns the better of a ball of known radius and its mirror image beyond the cap.
 fn on_the_right_side(
     fitted: Fitted<KnownSphere, 3>,
-    sample: &Sample,
+    sample: &Sample<'_>,
 ) -> Result<Fitted<KnownSphere, 3>, FitError> {
     let ball = fitted.surface.0;
-    let middle = fitted.inliers.iter().map(|&i| sample.observations[i].point).sum::<Vector3<f64>>()
+    let middle = fitted.inliers.iter().map(|&i| sample.observations.points[i]).sum::<Vector3<f64>>()
         / fitted.inliers.len().max(1) as f64;
     let mirrored = KnownSphere(Ball { center: middle * 2.0 - ball.center, ..ball });
     let Some((other, chi2_difference)) = rival(mirrored, &fitted, sample, SIDE_CHI2) else {
@@ -197,11 +196,11 @@ impl Ball {
         (point - self.center).norm() - self.radius
     }
 
-    fn foot(&self, observation: &Observation, floor_mm: f64) -> (f64, f64, Vector3<f64>) {
-        let variances = observation.variances.add_scalar(floor_mm * floor_mm);
-        let arm = observation.axes.tr_mul(&(observation.point - self.center));
-        let (residual, variance, normal) = nearest_on_round(arm, &variances, self.radius);
-        (residual, variance, observation.axes * normal)
+    fn foot(&self, observation: Observation<'_>, floor_mm: f64) -> (f64, f64, Vector3<f64>) {
+        let arm = observation.in_axes(&(observation.point - self.center));
+        let (residual, variance, normal) =
+            nearest_on_round(arm, &observation.variances(floor_mm), self.radius);
+        (residual, variance, observation.out_of_axes(&normal))
     }
 
     /// Returns ∂n/∂q = (I − nnᵀ)/R.
@@ -211,6 +210,7 @@ impl Ball {
 }
 
 impl Surface<4> for FreeSphere {
+    type Feet = [Foot<4>; 1];
     const NAME: &'static str = "sphere";
 
     fn radius_mm(&self) -> Option<f64> {
@@ -221,9 +221,9 @@ impl Surface<4> for FreeSphere {
         self.0.distance(point)
     }
 
-    fn foot(&self, observation: &Observation, floor_mm: f64) -> Foot<4> {
+    fn feet(&self, observation: Observation<'_>, floor_mm: f64) -> [Foot<4>; 1] {
         let (residual_mm, variance_mm2, normal) = self.0.foot(observation, floor_mm);
-        Foot { residual_mm, variance_mm2, normal, gradient: (-normal).push(-1.0) }
+        [Foot { residual_mm, variance_mm2, normal, gradient: (-normal).push(-1.0) }]
     }
 
     fn gradient_change(&self, foot: &Foot<4>) -> SMatrix<f64, 4, 3> {
@@ -255,6 +255,7 @@ impl Surface<4> for FreeSphere {
 }
 
 impl Surface<3> for KnownSphere {
+    type Feet = [Foot<3>; 1];
     const NAME: &'static str = "sphere";
 
     fn radius_mm(&self) -> Option<f64> {
@@ -265,9 +266,9 @@ impl Surface<3> for KnownSphere {
         self.0.distance(point)
     }
 
-    fn foot(&self, observation: &Observation, floor_mm: f64) -> Foot<3> {
+    fn feet(&self, observation: Observation<'_>, floor_mm: f64) -> [Foot<3>; 1] {
         let (residual_mm, variance_mm2, normal) = self.0.foot(observation, floor_mm);
-        Foot { residual_mm, variance_mm2, normal, gradient: -normal }
+        [Foot { residual_mm, variance_mm2, normal, gradient: -normal }]
     }
 
     fn gradient_change(&self, foot: &Foot<3>) -> SMatrix<f64, 3, 3> {

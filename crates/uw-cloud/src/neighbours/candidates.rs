@@ -41,7 +41,8 @@ impl Candidates {
     }
 
     pub fn at(&self, slot: u32) -> [f64; 3] {
-        self.coordinates.each_ref().map(|list| list[slot as usize])
+        let ([xs, ys, zs], slot) = (&self.coordinates, slot as usize);
+        [xs[slot], ys[slot], zs[slot]]
     }
 
     /// The ring that a squared distance from the middle lies in; one more than there are of what lies beyond.
