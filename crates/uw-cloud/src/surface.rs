@@ -4,6 +4,7 @@ mod cut;
 mod delaunay;
 mod noise;
 mod normals;
+mod quadric;
 mod smooth;
 mod step;
 mod view;
@@ -122,7 +123,8 @@ pub fn triangulate(cloud: &PointCloud, options: &SurfaceOptions) -> Result<Surfa
     if options.smooth {
         let rough =
             TriangleMesh::new(cloud.frame(), positions.clone(), triangles.clone())?.with_vertex_normals();
-        let steps = smooth::steps(cloud, &points, &triangles, rough.normals().unwrap_or_default(), &noise);
+        let steps =
+            smooth::steps(&positions, &points, &triangles, rough.normals().unwrap_or_default(), &noise);
         smoothed = Some(applied(&steps, &mut positions, sigmas.as_deref_mut()));
     }
     let mut mesh = TriangleMesh::new(cloud.frame(), positions, triangles)?.with_vertex_normals();

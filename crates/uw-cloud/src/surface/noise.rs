@@ -19,6 +19,7 @@ impl<'a> Noise<'a> {
     }
 
     /// Variance of a point's position along a direction, mm²; nil where the cloud does not tell.
+    #[inline]
     pub(super) fn along(&self, point: u32, direction: &Vector3<f64>) -> f64 {
         match (self.covariances, self.sigmas) {
             (Some(all), _) => {
