@@ -102,10 +102,14 @@ pub(super) fn refine(
         let shrunk = if round > 1 { (left / left_before).min(1.0) } else { 1.0 };
         let rests = step.norm() < SETTLED * noise + NO_STEP * radius || left * shrunk < NOTHING_LEFT;
         left_before = left;
-        let settled = rests && next > 0.9 * reach;
+        let narrower = next <= 0.9 * reach;
+        if narrower {
+            // Other points pull, and otherwise.
+            swing = Swing::new();
+        }
         reach = next.max(0.5 * reach);
         fitted.matches = matches;
-        if settled {
+        if rests && !narrower {
             break;
         }
     }
