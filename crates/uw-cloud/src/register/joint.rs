@@ -128,13 +128,12 @@ fn laid(
 ) -> Pair {
     const ALIKE: f64 = 0.7;
     let surface_from_points = Pose::of(&(poses[j].inverse() * poses[i]), &samples.middle);
-    let [own, other] = [i, j].map(|k| Pose::of(&poses[k], middle));
+    let [moved, other] = [i, j].map(|k| Pose::of(&poses[k], middle));
     let of = |sample: &Sample| {
         let found = surface.matched(sample, &surface_from_points, reach, &mut Known::default())?;
-        let arm = own.place(&sample.place) - middle;
-        let (normal, normals) =
-            (other.direction(&found.normal), found.normals.map(|normal| other.direction(&normal)));
-        (found.facing > ALIKE).then_some(Match { arm, normal, normals, ..found })
+        let arm = moved.place(&sample.place) - middle;
+        let [normal, own] = [&found.normal, &found.own].map(|normal| other.direction(normal));
+        (found.facing > ALIKE).then_some(Match { arm, normal, own, ..found })
     };
     let mut matches: Vec<Match> = samples.points.iter().filter_map(of).collect();
     let (floor2, _) = judge(&mut matches, reach, f64::MIN_POSITIVE);

@@ -156,10 +156,10 @@ fn tree(cloud: &PointCloud) -> Result<Neighbours, RegisterError> {
 pub(super) struct Match {
     /// From the cloud's middle to the point, both moved.
     pub(super) arm: Vector3<f64>,
-    /// What a motion is told along.
+    /// What a motion is told along: the normal of the surface that the point belongs to.
     pub(super) normal: Vector3<f64>,
-    /// The two surfaces' own normals; the same twice where one of them has no errors, or none is known.
-    pub(super) normals: [Vector3<f64>; 2],
+    /// That of the point's own surface; the same where the other one has no errors, or it is not known.
+    pub(super) own: Vector3<f64>,
     /// How far off the surface, mm.
     pub(super) residual: f64,
     /// Variance that the cloud and the mesh tell of, mm².
@@ -191,7 +191,7 @@ impl Match {
 
     /// The product of what it changes by along the one surface's normal and along the other's.
     pub(super) fn product(&self, radius: f64) -> Matrix6<f64> {
-        let [own, other] = self.normals.map(|normal| self.row_along(&normal, radius));
+        let [own, other] = [&self.own, &self.normal].map(|normal| self.row_along(normal, radius));
         let product = own * other.transpose();
         (product + product.transpose()) * 0.5
     }
@@ -240,11 +240,14 @@ impl<'a, 'm> Target<'a, 'm> {
         reach: f64,
         known: &mut Known,
     ) -> Option<Match> {
-        let found = match self.onto {
-            Onto::Mesh(mesh) => self.matched_on(mesh, sample, pose, reach)?,
-            Onto::Sweep(sweep) => sweep.matched(sample, pose, reach, known)?,
+        let mut found = match self.onto {
+            Onto::Mesh(mesh) => self.matched_on(mesh, sample, pose, reach),
+            Onto::Sweep(sweep) => sweep.matched(sample, pose, reach, known),
         };
-        Some(Match { facing: if self.signed { found.facing } else { found.facing.abs() }, ..found })
+        if let Some(found) = found.as_mut().filter(|_| !self.signed) {
+            found.facing = found.facing.abs();
+        }
+        found
     }
 
     /// Returns what those of some points belong to that have something within the reach, in their order; `known` is of the same points.
@@ -273,7 +276,7 @@ impl<'a, 'm> Target<'a, 'm> {
         Some(Match {
             arm: moved - pose.middle,
             normal,
-            normals: [normal; 2],
+            own: normal,
             residual: normal.dot(&(moved - Vector3::from(near.point_mm))),
             told: sample.own.along(&pose.back(&normal)) + mesh_variance,
             variance: 0.0,

@@ -89,7 +89,7 @@ mod tests {
         let of = |residual| Match {
             arm: Vector3::zeros(),
             normal: Vector3::z(),
-            normals: [Vector3::z(); 2],
+            own: Vector3::z(),
             residual,
             told: 0.0,
             variance: 0.0,

@@ -94,7 +94,7 @@ impl<'a> SweepSurface<'a> {
         (residual.abs() < reach).then(|| Match {
             arm: moved - pose.middle,
             normal: form.normal,
-            normals: [own, form.normal],
+            own,
             residual,
             told: sample.own.along(&pose.back(&normal)) + Own::of(self.cloud, nearest).along(&normal),
             variance: 0.0,
