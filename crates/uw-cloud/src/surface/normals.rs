@@ -221,10 +221,12 @@ fn one_face(cosine: f32) -> f32 {
     if share < 1.0 { share } else { 1.0 }
 }
 
-/// The triangles of the first two rings about a vertex: their normals and weights, side by side in single precision, several of which fit into one of the processor's registers.
+/// Some triangles' x, y and z of their normals, and weights: side by side in single precision, several of which fit into one of the processor's registers.
+type Lanes = [[f32; LANES]; 4];
+
+/// The triangles of the first two rings about a vertex.
 struct Near {
-    normals: [Vec<f32>; 3],
-    weights: Vec<f32>,
+    triangles: Vec<Lanes>,
     /// The vertex's neighbours, and how many of its triangles each vertex is a corner of.
     ring: Vec<u32>,
     times: Vec<f32>,
@@ -232,12 +234,7 @@ struct Near {
 
 impl Near {
     fn new(vertices: usize) -> Self {
-        Self {
-            normals: Default::default(),
-            weights: Vec::new(),
-            ring: Vec::new(),
-            times: vec![0.0; vertices],
-        }
+        Self { triangles: Vec::new(), ring: Vec::new(), times: vec![0.0; vertices] }
     }
 
     /// Takes the kept triangles of a vertex's first two rings in.
@@ -256,8 +253,7 @@ impl Near {
         }
         self.times[v as usize] = own().count() as f32;
         let most = own().count() + self.ring.iter().map(|&w| incident.of(w).len()).sum::<usize>();
-        let lanes = most.next_multiple_of(LANES);
-        self.normals.iter_mut().chain([&mut self.weights]).for_each(|list| list.resize(lanes, 0.0));
+        self.triangles.resize(most.div_ceil(LANES), Lanes::default());
         let mut count = 0;
         for &t in own() {
             let weight = flat.triangles[t as usize].map(|w| self.times[w as usize]).iter().sum();
@@ -274,19 +270,26 @@ impl Near {
         }
         self.times[v as usize] = 0.0;
         self.ring.iter().for_each(|&w| self.times[w as usize] = 0.0);
+        self.triangles.truncate(count.div_ceil(LANES));
         // What fills the last of the lanes has no weight.
-        let lanes = count.next_multiple_of(LANES);
-        self.normals.iter_mut().chain([&mut self.weights]).for_each(|list| {
-            list.truncate(count);
-            list.resize(lanes, 0.0);
-        });
+        for at in count..LANES * self.triangles.len() {
+            self.put(at, &Vector3::zeros(), 0.0, false);
+        }
     }
 
     /// Writes a triangle, and returns 1 where it counts: else the next one takes its place, and no branch has to be guessed.
     fn put(&mut self, at: usize, normal: &Vector3<f64>, weight: f32, counts: bool) -> usize {
-        self.normals.iter_mut().zip(normal.iter()).for_each(|(list, value)| list[at] = *value as f32);
-        self.weights[at] = weight;
+        let [x, y, z] = [normal.x, normal.y, normal.z].map(|value| value as f32);
+        let lanes = &mut self.triangles[at / LANES];
+        lanes.iter_mut().zip([x, y, z, weight]).for_each(|(list, value)| list[at % LANES] = value);
         usize::from(counts)
+    }
+
+    /// A triangle's normal; nil beyond the last one.
+    fn normal(&self, at: usize) -> [f32; 3] {
+        let [x, y, z, _] =
+            self.triangles.get(at / LANES).map_or([0.0; 4], |lanes| lanes.map(|list| list[at % LANES]));
+        [x, y, z]
     }
 
     /// Returns the sum of normals and weights, each by how far it agrees with a direction.
@@ -296,9 +299,8 @@ impl Near {
 
     /// Returns the sum of normals and weights, each by a share.
     fn sum(&self, share: impl Fn([f32; 3]) -> f32) -> [f32; 4] {
-        let [xs, ys, zs] = self.normals.each_ref().map(|list| list.chunks_exact(LANES));
-        let mut sums = [[0.0_f32; LANES]; 4];
-        for (((xs, ys), zs), weights) in xs.zip(ys).zip(zs).zip(self.weights.chunks_exact(LANES)) {
+        let mut sums = Lanes::default();
+        for [xs, ys, zs, weights] in &self.triangles {
             for k in 0..LANES {
                 let weight = weights[k] * share([xs[k], ys[k], zs[k]]);
                 sums[0][k] += weight * xs[k];
@@ -314,16 +316,19 @@ impl Near {
     ///
     /// Some of them, evenly taken, stand for candidates: of the largest face there are several among so many, and the mean that follows is the same from each.
     fn most_agreed(&self) -> usize {
-        let [xs, ys, zs] = &self.normals;
-        let step = self.weights.len().div_ceil(CANDIDATES).max(1);
+        let count = LANES * self.triangles.len();
+        let step = count.div_ceil(CANDIDATES).max(1);
         let (mut best, mut most) = (0, f32::NEG_INFINITY);
-        for first in (0..self.weights.len()).step_by(LANES * step) {
+        for first in (0..count).step_by(LANES * step) {
             let at: [usize; LANES] = std::array::from_fn(|k| first + k * step);
-            let [x, y, z] = [xs, ys, zs].map(|list| at.map(|at| list.get(at).copied().unwrap_or(0.0)));
+            let normals = at.map(|at| self.normal(at));
+            let [x, y, z] = [0, 1, 2].map(|axis| normals.map(|normal| normal[axis]));
             let mut scores = [0.0_f32; LANES];
-            for (((other_x, other_y), other_z), weight) in xs.iter().zip(ys).zip(zs).zip(&self.weights) {
-                for k in 0..LANES {
-                    scores[k] += weight * one_face(x[k] * other_x + y[k] * other_y + z[k] * other_z);
+            for [xs, ys, zs, weights] in &self.triangles {
+                for (((other_x, other_y), other_z), weight) in xs.iter().zip(ys).zip(zs).zip(weights) {
+                    for k in 0..LANES {
+                        scores[k] += weight * one_face(x[k] * other_x + y[k] * other_y + z[k] * other_z);
+                    }
                 }
             }
             for (at, score) in at.into_iter().zip(scores) {
@@ -352,7 +357,7 @@ impl Near {
             return of(agreed);
         }
         let best = self.most_agreed();
-        let mut middle = self.normals.each_ref().map(|list| list.get(best).copied().unwrap_or(0.0));
+        let mut middle = self.normal(best);
         let mut sum = [0.0; 4];
         // Thrice more about the mean, so that the noise of the one triangle does not stay.
         for _ in 0..3 {
