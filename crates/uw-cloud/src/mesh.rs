@@ -165,9 +165,9 @@ impl TriangleMesh {
     pub fn with_vertex_normals(mut self) -> Self {
         let mut sums = vec![Vector3::<f64>::zeros(); self.vertices_mm.len()];
         for (t, triangle) in self.triangles.iter().enumerate() {
-            let Some(normal) = self.area_vector(t).try_normalize(0.0) else { continue };
-            let angles = corner_angles(self.corners(t));
-            for (&v, angle) in triangle.iter().zip(angles) {
+            let corners @ [a, b, c] = self.corners(t);
+            let Some(normal) = (b - a).cross(&(c - a)).try_normalize(0.0) else { continue };
+            for (&v, angle) in triangle.iter().zip(corner_angles(corners)) {
                 sums[v as usize] += normal * angle;
             }
         }
@@ -206,6 +206,7 @@ impl TriangleMesh {
 }
 
 /// Returns a triangle's angles at its corners, rad, to 4e-8; of no meaning where it has no area.
+#[inline]
 pub(crate) fn corner_angles([a, b, c]: [Vector3<f64>; 3]) -> [f64; 3] {
     let sides = [b - a, c - b, a - c];
     let lengths = sides.map(|side| side.norm());
