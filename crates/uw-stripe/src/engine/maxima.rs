@@ -1,6 +1,7 @@
 //! Pass one: the largest grey values of blocks of rows, at the speed of a read.
 //!
-//! Rows are read in the order of memory, a kilobyte of each at least where they have as much: the processor's prefetching follows one row at a time.
+//! Rows are read in the order of memory, whole up to four kilobytes where their width is a sensor's: the processor's prefetching follows one run of
+//! lines without gaps.
 
 use std::ops::Range;
 
@@ -48,56 +49,93 @@ pub(super) fn maxima<P: Pixel>(
     dispatch!(level, simd => maxima_here(simd, strip, map));
 }
 
-/// The rows in parts of a few vectors, whose maxima fit into registers: to keep them in memory would hold up every pixel that is read and lies
-/// as far into its page as a maximum that was just written into its own. Widths of sensors are a whole number of parts of one size.
+/// Rows as wide as one of these numbers of vectors, as sensors' mostly are, are read whole, others and wider ones in parts, the larger first, so
+/// that little is left beside them. Up to 32 are held in registers where there are as many: to keep maxima in memory holds up every pixel
+/// that is read and lies as far into its page as a maximum that was just written into its own.
 #[inline(always)]
 fn maxima_here<S: Simd, P: Pixel>(simd: S, strip: &Strip<'_, P>, map: &mut [P]) {
-    let whole = strip.width / P::N;
     let mut done = 0;
-    match whole {
-        n if n.is_multiple_of(16) => done = parts::<S, P, 16>(simd, strip, map, done),
-        n if n.is_multiple_of(15) => done = parts::<S, P, 15>(simd, strip, map, done),
-        n if n.is_multiple_of(10) => done = parts::<S, P, 10>(simd, strip, map, done),
-        _ => {
-            done = parts::<S, P, 12>(simd, strip, map, done);
-            done = parts::<S, P, 4>(simd, strip, map, done);
-            done = parts::<S, P, 2>(simd, strip, map, done);
-        }
+    macro_rules! parts {
+        ($($times:literal * $count:literal),*) => {
+            $(done = parts::<S, P, $count, $times>(simd, strip, map, done);)*
+        };
     }
-    parts::<S, P, 1>(simd, strip, map, done);
+    if (strip.width / P::N).is_multiple_of(64) {
+        parts!(4 * 16);
+    }
+    parts!(
+        4 * 15,
+        3 * 15,
+        4 * 10,
+        2 * 16,
+        2 * 15,
+        2 * 12,
+        2 * 10,
+        1 * 16,
+        1 * 15,
+        1 * 12,
+        1 * 10,
+        1 * 4,
+        1 * 2,
+        1 * 1
+    );
     if !strip.width.is_multiple_of(P::N) {
         let last = strip.layout.last;
-        part::<S, P, 1>(simd, strip, strip.width - P::N, &mut map[last..]);
+        part::<S, P, 1, 1>(simd, strip, strip.width - P::N, &mut map[last..]);
     }
 }
 
-/// As many parts of so many vectors as there are from `done` vectors on; how many are done then.
+/// As many parts of `TIMES` by `COUNT` vectors as there are from `done` vectors on; how many are done then.
 #[inline(always)]
-fn parts<S: Simd, P: Pixel, const COUNT: usize>(
+fn parts<S: Simd, P: Pixel, const COUNT: usize, const TIMES: usize>(
     simd: S,
     strip: &Strip<'_, P>,
     map: &mut [P],
     mut done: usize,
 ) -> usize {
-    while done + COUNT <= strip.width / P::N {
-        part::<S, P, COUNT>(simd, strip, done * P::N, &mut map[done * strip.layout.apart..]);
-        done += COUNT;
+    while done + TIMES * COUNT <= strip.width / P::N {
+        part::<S, P, COUNT, TIMES>(simd, strip, done * P::N, &mut map[done * strip.layout.apart..]);
+        done += TIMES * COUNT;
     }
     done
 }
 
-/// Maxima of some vectors from pixel `from` of the rows on.
+/// Maxima of some vectors from pixel `from` of the rows on. In up to four arrays: the compiler keeps a larger one in memory.
 #[inline(always)]
-fn part<S: Simd, P: Pixel, const COUNT: usize>(simd: S, strip: &Strip<'_, P>, from: usize, map: &mut [P]) {
-    let mut best = [splat(simd, P::ZERO); COUNT];
+fn part<S: Simd, P: Pixel, const COUNT: usize, const TIMES: usize>(
+    simd: S,
+    strip: &Strip<'_, P>,
+    from: usize,
+    map: &mut [P],
+) {
+    let [mut a, mut b, mut c, mut d] = [[splat(simd, P::ZERO); COUNT]; 4];
+    let size = COUNT * P::N;
     for r in 0..strip.rows {
-        let row = &strip.pixels[r * strip.stride + from..][..COUNT * P::N];
-        for (best, part) in best.iter_mut().zip(row.chunks_exact(P::N)) {
-            *best = best.max(vector(simd, part));
+        let row = &strip.pixels[r * strip.stride + from..][..TIMES * size];
+        raise(simd, &mut a, row);
+        if TIMES > 1 {
+            raise(simd, &mut b, &row[size..]);
+        }
+        if TIMES > 2 {
+            raise(simd, &mut c, &row[2 * size..]);
+        }
+        if TIMES > 3 {
+            raise(simd, &mut d, &row[3 * size..]);
         }
     }
-    for (i, best) in best.iter().enumerate() {
-        best.store_slice(&mut map[i * strip.layout.apart..][..P::N]);
+    let apart = strip.layout.apart;
+    for (k, best) in [a, b, c, d][..TIMES].iter().enumerate() {
+        for (i, best) in best.iter().enumerate() {
+            best.store_slice(&mut map[(k * COUNT + i) * apart..][..P::N]);
+        }
+    }
+}
+
+/// Raises maxima to what a row has from its first pixel on.
+#[inline(always)]
+fn raise<S: Simd, P: Pixel, const COUNT: usize>(simd: S, best: &mut [P::V<S>; COUNT], row: &[P]) {
+    for (best, part) in best.iter_mut().zip(row.chunks_exact(P::N)) {
+        *best = best.max(vector(simd, part));
     }
 }
 
@@ -132,4 +170,47 @@ pub(crate) fn read<S: Simd, P: Pixel>(simd: S, image: &View<'_, P>, roi: Roi) ->
         }
     }
     best[0].max(best[1]).max(best[2].max(best[3])).reduce_max()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::levels;
+    use super::*;
+
+    /// Every number of vectors that is read at once, and what is left beside them, at both layouts.
+    fn are_the_largest<P: Pixel>(number: impl Fn(usize) -> P) {
+        const MOST: usize = 130;
+        let stride = MOST * P::N + 7;
+        let pixels: Vec<P> = (0..stride * 20).map(|i| number(i.wrapping_mul(2_654_435_761) >> 12)).collect();
+        for whole in 1..MOST {
+            for (more, rows) in [(0, 2..18), (1, 3..4), (P::N - 1, 0..5)] {
+                let roi = Roi { x: 3, y: 1, width: whole * P::N + more, height: 18 };
+                let view = View::new(&pixels, stride, 20, stride).expect("sized");
+                let strips = roi.width.div_ceil(P::N);
+                let dense = Layout { apart: P::N, last: roi.width - P::N };
+                let apart = Layout { apart: 3 * P::N, last: 3 * (strips - 1) * P::N };
+                let want: Vec<P> = (roi.x..roi.x + roi.width)
+                    .map(|x| rows.clone().map(|y| view.row(roi.y + y)[x]).max().expect("some rows"))
+                    .collect();
+                for level in levels() {
+                    let mut map = vec![P::ZERO; 3 * strips * P::N];
+                    maxima(level, &view, &roi, rows.clone(), dense, &mut map);
+                    assert!(map[..roi.width] == want, "{level:?} {roi:?}");
+                    assert!(map[roi.width..].iter().all(|m| *m == P::ZERO), "{level:?} {roi:?}");
+                    maxima(level, &view, &roi, rows.clone(), apart, &mut map);
+                    for strip in 0..strips {
+                        let from = (strip * P::N).min(roi.width - P::N);
+                        let got = &map[strip * apart.apart..][..P::N];
+                        assert!(got == &want[from..][..P::N], "{level:?} {roi:?} {strip}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn maxima_are_the_largest_of_their_columns_whatever_the_width() {
+        are_the_largest(|i| i as u8);
+        are_the_largest(|i| i as u16);
+    }
 }

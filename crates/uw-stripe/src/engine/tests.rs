@@ -13,7 +13,7 @@ use crate::{Axis, NoiseModel, Pixel, Roi, View};
 const KINDS: [Kind; 4] = [Kind::Fast, Kind::Robust, Kind::Cog, Kind::BlaisRioux];
 const AXES: [Axis; 2] = [Axis::PerRow, Axis::PerColumn];
 
-fn levels() -> Vec<Level> {
+pub(super) fn levels() -> Vec<Level> {
     let best = Level::new();
     let mut all = vec![Level::baseline(), best];
     #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
