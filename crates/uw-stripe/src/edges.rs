@@ -29,6 +29,12 @@ const PARTIAL: f64 = 0.5;
 #[derive(Debug, Default)]
 pub(crate) struct Edges {
     flux: Vec<f64>,
+    /// Its logarithm, and the largest change of that a line, over two lines to either side; 0 without neighbours.
+    ln_flux: Vec<f64>,
+    step: Vec<f64>,
+    /// The least and the most light within [`LEVELS_REACH`] lines.
+    low: Vec<f64>,
+    high: Vec<f64>,
     scratch: Vec<f64>,
     usual: f64,
 }
@@ -36,24 +42,28 @@ pub(crate) struct Edges {
 impl Edges {
     /// Takes the light of successive lines, and what change of it is usual there: texture and speckle of the surface at hand.
     pub fn load(&mut self, flux: impl Iterator<Item = f64>) {
-        self.flux.clear();
-        self.flux.extend(flux);
-        let mut steps = std::mem::take(&mut self.scratch);
-        steps.clear();
-        steps.extend((0..self.flux.len()).map(|i| self.step(i)).filter(|s| *s > 0.0));
-        self.usual = median(&mut steps);
-        self.scratch = steps;
+        let Self { flux: light, ln_flux, step, low, high, scratch, usual } = self;
+        light.clear();
+        light.extend(flux);
+        ln_flux.clear();
+        ln_flux.extend(light.iter().map(|f| f.ln()));
+        step.clear();
+        step.extend((0..light.len()).map(|i| {
+            let change = |j: Option<usize>| {
+                let other = j.and_then(|j| ln_flux.get(j)).copied().unwrap_or(f64::NAN);
+                ((other - ln_flux[i]).abs() / STEP_REACH as f64).max(0.0)
+            };
+            change(i.checked_sub(STEP_REACH)).max(change(Some(i + STEP_REACH)))
+        }));
+        extremes(light, f64::INFINITY, f64::min, low);
+        extremes(light, 0.0, f64::max, high);
+        scratch.clear();
+        scratch.extend(step.iter().filter(|s| **s > 0.0));
+        *usual = median(scratch);
     }
 
     fn flux(&self, line: Option<usize>) -> Option<f64> {
         self.flux.get(line?).copied().filter(|f| !f.is_nan())
-    }
-
-    /// Largest change of ln flux a line, over two lines to either side; 0 without neighbours.
-    fn step(&self, i: usize) -> f64 {
-        let Some(here) = self.flux(Some(i)) else { return 0.0 };
-        let change = |j| self.flux(j).map_or(0.0, |f| (f / here).ln().abs() / STEP_REACH as f64);
-        change(i.checked_sub(STEP_REACH)).max(change(Some(i + STEP_REACH)))
     }
 
     /// Change of ln flux a line that counts as an edge in the image at hand.
@@ -63,13 +73,13 @@ impl Edges {
 
     /// Whether no edge crosses line `i`.
     pub fn smooth(&self, i: usize) -> bool {
-        self.step(i) <= self.least_step()
+        self.step[i] <= self.least_step()
     }
 
     /// Sigma of the shift, px, of a stripe `width` wide by the edges at line `i`; `None` where there is none. About half the width is the
     /// lens's, which moves nothing.
     pub fn lean(&self, i: usize, width: f64) -> Option<f64> {
-        let step = self.step(i);
+        let step = self.step[i];
         let along = (step > self.least_step()).then(|| 0.5 * width * width * step.min(1.0 / width));
         let between = self.between_levels(i).then_some(LEAN_BETWEEN_LEVELS * width);
         along.into_iter().chain(between).reduce(f64::max)
@@ -78,7 +88,15 @@ impl Edges {
     /// True where the flux lies well between two levels that the stripe has nearby: it runs along an albedo edge, which
     /// shifts its centre without any sudden change.
     fn between_levels(&self, i: usize) -> bool {
-        let Some(here) = self.flux(Some(i)) else { return false };
+        let here = self.flux[i];
+        let apart = LEVELS_APART.max((LEVELS_APART_STEPS * self.usual).exp());
+        let between = |low: f64, high: f64| {
+            high > apart * low && here > LEVEL_MARGIN * low && here * LEVEL_MARGIN < high
+        };
+        // Of nearly all lines that is known by the least and the most light nearby.
+        if !between(self.low[i], self.high[i]) {
+            return false;
+        }
         let nearby = i.saturating_sub(LEVELS_REACH)..(i + LEVELS_REACH + 1).min(self.flux.len());
         // A level is that of several lines: one that a hot pixel or a grain in the water brightens is none.
         let (mut low, mut high) = ([f64::INFINITY; LEVEL_LINES], [0.0f64; LEVEL_LINES]);
@@ -87,9 +105,7 @@ impl Edges {
             low.iter_mut().for_each(|l| (*l, least) = (l.min(least), l.max(least)));
             high.iter_mut().for_each(|h| (*h, most) = (h.max(most), h.min(most)));
         }
-        let (low, high) = (low[LEVEL_LINES - 1], high[LEVEL_LINES - 1]);
-        let apart = LEVELS_APART.max((LEVELS_APART_STEPS * self.usual).exp());
-        high > apart * low && here > LEVEL_MARGIN * low && here * LEVEL_MARGIN < high
+        between(low[LEVEL_LINES - 1], high[LEVEL_LINES - 1])
     }
 
     /// Takes out the ends of runs at which only part of the beam met the surface; flux counts from the first of `lines`. All ends first, then
@@ -125,6 +141,25 @@ impl Edges {
     }
 }
 
+/// Fills `out` with the extreme of the values within [`LEVELS_REACH`] of each, of those that are numbers; `none` is what any is more extreme than.
+fn extremes(values: &[f64], none: f64, of: fn(f64, f64) -> f64, out: &mut Vec<f64>) {
+    out.clear();
+    out.resize(LEVELS_REACH, none);
+    out.extend(values.iter().map(|v| if v.is_nan() { none } else { *v }));
+    out.resize(values.len() + 2 * LEVELS_REACH, none);
+    // Each of itself and those behind it, twice as many each time; in the end two runs make up the whole.
+    const WHOLE: usize = 2 * LEVELS_REACH + 1;
+    let mut run = 1;
+    while run < WHOLE {
+        let further = run.min(WHOLE - run);
+        for i in 0..out.len() - further {
+            out[i] = of(out[i], out[i + further]);
+        }
+        run += further;
+    }
+    out.truncate(values.len());
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -157,6 +192,24 @@ mod tests {
         // A quarter of scatter from line to line spans three to one now and then.
         let speckled = edges(|i| (0.6 * (12.9898 * i as f64).sin()).exp());
         assert!((0..80).filter(|i| speckled.lean(*i, 2.0).is_some()).count() < 8);
+    }
+
+    #[test]
+    fn extremes_are_those_of_the_lines_nearby() {
+        let values: Vec<f64> =
+            (0..60).map(|i| if i % 7 == 3 { f64::NAN } else { f64::from(i * 37 % 60) + 1.0 }).collect();
+        for length in [0, 1, 11, 12, 13, 25, 60] {
+            let (values, mut low, mut high) = (&values[..length], Vec::new(), Vec::new());
+            extremes(values, f64::INFINITY, f64::min, &mut low);
+            extremes(values, 0.0, f64::max, &mut high);
+            assert_eq!((low.len(), high.len()), (length, length));
+            for i in 0..length {
+                let near = &values[i.saturating_sub(LEVELS_REACH)..(i + LEVELS_REACH + 1).min(length)];
+                let least = near.iter().copied().fold(f64::INFINITY, f64::min);
+                let most = near.iter().copied().fold(0.0, f64::max);
+                assert_eq!([low[i], high[i]].map(f64::to_bits), [least, most].map(f64::to_bits), "{i}");
+            }
+        }
     }
 
     #[test]

@@ -30,57 +30,67 @@ pub(crate) struct Centre {
     pub width: f64,
 }
 
-/// Reused memory: difference, its predicted variance, the sum of widths' squares that goes with it.
+/// Reused memory: differences' squares, their predicted variances, and the sums of widths' squares that go with them.
 #[derive(Debug, Default)]
 pub(crate) struct Scatter {
-    centres: Vec<Option<Centre>>,
-    differences: Vec<[f64; 3]>,
-    ratios: Vec<f64>,
+    centres: Vec<Centre>,
+    squares: Vec<f64>,
+    variances: Vec<f64>,
+    widths: Vec<f64>,
 }
 
 impl Scatter {
     /// The scatter, in widths, of the centres of successive lines beyond their sigmas, `None` where a line has no centre fit to tell: 0
     /// where chance explains it.
     pub fn of(&mut self, centres: impl Iterator<Item = Option<Centre>>) -> f64 {
-        self.centres.clear();
-        self.centres.extend(centres);
-        self.differences.clear();
-        for near in self.centres.windows(3 * SPACING + 1) {
-            // Those between have a say, too: whether it is one surface.
-            if near.iter().any(Option::is_none) {
-                continue;
-            }
-            let [Some(a), Some(b), Some(c), Some(d)] = [0, 1, 2, 3].map(|k| near[k * SPACING]) else {
+        const ALL: usize = 3 * SPACING + 1;
+        let Self { centres: run, squares, variances, widths } = self;
+        run.clear();
+        [&mut *squares, variances, widths].into_iter().for_each(Vec::clear);
+        let reach = SPACING as f64 * f64::from(run_reach(0.0));
+        for centre in centres {
+            let Some(centre) = centre else {
+                run.clear();
                 continue;
             };
+            run.push(centre);
+            // Those between have a say, too: whether it is one surface.
+            let Some(near) = run.last_chunk::<ALL>() else { continue };
+            let [a, b, c, d] = std::array::from_fn(|k| near[k * SPACING]);
             let four = [a, b, c, d];
-            let reach = SPACING as f64 * f64::from(run_reach(0.0));
             if four.windows(2).all(|p| (p[0].position - p[1].position).abs() < reach) {
                 let difference = a.position - 3.0 * b.position + 3.0 * c.position - d.position;
                 let sum = |value: fn(&Centre) -> f64| {
                     four.iter().zip(WEIGHTS).map(|(c, w)| w * value(c)).sum::<f64>()
                 };
-                self.differences.push([difference, sum(|c| c.sigma * c.sigma), sum(|c| c.width * c.width)]);
+                squares.push(difference * difference);
+                variances.push(sum(|c| c.sigma * c.sigma));
+                widths.push(sum(|c| c.width * c.width));
             }
         }
-        let count = self.differences.len();
-        if count < LEAST || self.ratio(0.0) < significant(count) {
+        let count = squares.len();
+        if count < LEAST || !self.is_more(0.0, significant(count)) {
             return 0.0;
         }
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
-            if self.ratio(middle) > 1.0 { low = middle } else { high = middle }
+            if self.is_more(middle, 1.0) { low = middle } else { high = middle }
         }
         0.5 * (low + high)
     }
 
-    /// The quantile of the differences by their sigmas with a scatter of `k` widths, over that of a normal distribution.
-    fn ratio(&mut self, k: f64) -> f64 {
-        self.ratios.clear();
-        self.ratios.extend(self.differences.iter().map(|[d, s, w]| d.abs() / (s + k * k * w).sqrt()));
-        let at = ((SHARE * self.ratios.len() as f64) as usize).min(self.ratios.len() - 1);
-        *self.ratios.select_nth_unstable_by(at, f64::total_cmp).1 / SHARE_NORMAL
+    /// Whether the quantile of the differences, by their sigmas with a scatter of `k` widths, is more than so many times that of a normal
+    /// distribution: counted, not sorted.
+    fn is_more(&self, k: f64, times: f64) -> bool {
+        let Self { squares, variances, widths, .. } = self;
+        let (limit, by_width) = ((times * SHARE_NORMAL).powi(2), k * k);
+        let mut beyond = 0_u64;
+        for ((square, variance), width) in squares.iter().zip(variances).zip(widths) {
+            beyond += u64::from(*square > limit * (variance + by_width * width));
+        }
+        let at = ((SHARE * squares.len() as f64) as usize).min(squares.len() - 1);
+        beyond as usize >= squares.len() - at
     }
 }
 

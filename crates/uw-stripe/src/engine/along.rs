@@ -36,25 +36,33 @@ impl Engine {
         let (position, sigma) = (&stripe.position_px[lines.clone()], &stripe.sigma_px[lines.clone()]);
         let amplitude = &stripe.amplitude[lines.clone()];
         let signs = dispatch!(level, simd => signs(simd, position, sigma, amplitude));
-        if signs.edges || signs.rough {
-            let Along { edges, scatter, ends, .. } = &mut self.along;
+        let Along { edges, scatter, ends, .. } = &mut self.along;
+        if signs.edges {
             edges.load(lines.clone().map(|i| f64::from(stripe.amplitude[i]) * f64::from(stripe.width_px[i])));
-            let centres = lines.clone().enumerate().map(|(i, line)| {
+        }
+        let scatter = if signs.rough {
+            scatter.of(lines.clone().enumerate().map(|(i, line)| {
                 let unsound = Flags::SATURATED | Flags::NOT_CONVERGED;
                 let told = !stripe.position_px[line].is_nan()
                     && stripe.flags[line].without(unsound) == stripe.flags[line]
-                    && edges.smooth(i);
+                    && (!signs.edges || edges.smooth(i));
                 told.then(|| Centre {
                     position: f64::from(stripe.position_px[line]),
                     sigma: f64::from(stripe.sigma_px[line]),
                     width: f64::from(stripe.width_px[line]),
                 })
-            });
-            let scatter = if signs.rough { scatter.of(centres) } else { 0.0 };
-            stripe.scatter_widths = scatter as f32;
+            }))
+        } else {
+            0.0
+        };
+        stripe.scatter_widths = scatter as f32;
+        if signs.edges || scatter > 0.0 {
             for (i, line) in lines.clone().enumerate().filter(|(_, l)| stripe.reject[*l].is_none()) {
                 let width = f64::from(stripe.width_px[line]);
-                let edge = edges.lean(i, width);
+                let edge = if signs.edges { edges.lean(i, width) } else { None };
+                if edge.is_none() && scatter <= 0.0 {
+                    continue;
+                }
                 let sigma =
                     f64::from(stripe.sigma_px[line]).hypot(scatter * width).hypot(edge.unwrap_or(0.0));
                 stripe.sigma_px[line] = sigma as f32;
@@ -62,6 +70,8 @@ impl Engine {
                     stripe.flags[line] |= Flags::EDGE;
                 }
             }
+        }
+        if signs.edges {
             edges.drop_partial(stripe, lines.clone(), ends);
         }
         if signs.bent || signs.edges {
