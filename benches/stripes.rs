@@ -7,7 +7,10 @@
 use criterion::{BenchmarkId, Criterion, Throughput};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use std::hint::black_box;
+use std::path::Path;
 use std::time::{Duration, Instant};
+use uw_io::capture::Capture;
+use uw_io::images::{GrayImage, Pixels, Reduce};
 use uw_stripe::{Axis, Extractor, Method, NoiseModel, Options, Pixel, Tracking, View, brightest};
 
 const SIZES: [(usize, usize); 2] = [(768, 576), (1920, 1200)];
@@ -27,6 +30,9 @@ const KERNELS: [(&str, Option<(Method, bool)>); 7] = [
     ("ridge", Some((Method::Ridge, false))),
     ("precise", Some((Method::Precise, false))),
 ];
+
+/// The slow ones' ratios to a read tell nothing.
+const QUICK: usize = 5;
 
 /// A camera: noise and a stripe's height and background in it, DN.
 struct Camera {
@@ -180,8 +186,6 @@ fn group<P: Sample>(c: &mut Criterion) {
 /// The table of ratios: speed by that of the read, of the best run of each and in the median over the rounds.
 fn ratios<P: Sample>(size: (usize, usize)) {
     const ROUNDS: usize = 300;
-    /// The slow ones' ratios to a read tell nothing.
-    const QUICK: usize = 5;
     for (bytes, place) in [(1, "cache"), (RING, "memory")] {
         for (axis, direction) in AXES {
             let ring = Ring::<P>::new(size, axis, bytes);
@@ -213,6 +217,38 @@ fn ratios<P: Sample>(size: (usize, usize)) {
     }
 }
 
+/// The same of a scan, whose stripes end, are shaded, clipped and bent, as those above are not: time an image, of the best of some runs of each.
+fn scan_ratios() {
+    const RUNS: usize = 30;
+    let capture = Capture::open(Path::new("fixtures/ball")).expect("the repository's own capture");
+    let read = |frame| capture.image(frame, Reduce::Luma, None).expect("a sound image");
+    let images: Vec<GrayImage> = capture.present().map(read).collect();
+    let mut times = [0.0; QUICK];
+    for ((_, settings), time) in KERNELS[..QUICK].iter().zip(&mut times) {
+        // In the middle of the sweep the ball is widest.
+        let mut kernel = Kernel::new(*settings, Axis::PerRow, packed(&images[images.len() / 2]));
+        for image in &images {
+            let run = |_| {
+                let start = Instant::now();
+                kernel.run(packed(image));
+                start.elapsed().as_secs_f64()
+            };
+            *time += (0..RUNS).map(run).fold(f64::INFINITY, f64::min) / images.len() as f64;
+        }
+    }
+    print!("{} images of fixtures/ball in cache: read {:.1} µs", images.len(), times[0] * 1e6);
+    for ((name, _), time) in KERNELS.iter().zip(times).skip(1) {
+        print!("  {name} {:.1} µs ({:.2})", time * 1e6, times[0] / time);
+    }
+    println!();
+}
+
+fn packed(image: &GrayImage) -> View<'_, u8> {
+    let Pixels::U8(pixels) = &image.data else { unreachable!("the capture has 8 bits") };
+    View::packed(pixels, image.width as usize, image.height as usize)
+        .expect("as many pixels as the size says")
+}
+
 fn main() {
     if std::env::args().any(|a| a == "--ratios") {
         for size in SIZES {
@@ -220,6 +256,7 @@ fn main() {
             ratios::<u8>(size);
             ratios::<u16>(size);
         }
+        scan_ratios();
         return;
     }
     let mut criterion = Criterion::default()

@@ -15,9 +15,9 @@ use crate::{Axis, Pixel};
 /// that goes with it is this many sigmas, or the logarithm of the width this large.
 const LOPSIDED: f32 = 11.5;
 const LEAN_SIGMAS: f32 = 1.0;
-const WIDENING: f32 = 0.1;
+pub(super) const WIDENING: f32 = 0.1;
 /// Least width by the filters', whose reading of it is a first order.
-const NARROWEST: f32 = 0.25;
+pub(super) const NARROWEST: f32 = 0.25;
 
 /// Lines of the group that starts at `from`, counted from the region's first; the last group of columns overlaps the one before.
 pub(super) fn group_from<P: Pixel>(job: &Job<'_, P>, from: usize) -> Range<usize> {

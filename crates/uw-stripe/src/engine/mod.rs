@@ -9,6 +9,7 @@
 //! | centre of gravity, Blais and Rioux: for comparison | `classic` |
 //! | estimates to results, with verdicts | `measure` |
 //! | hot and dead pixels, grains in the water | `spikes` |
+//! | lines that differ in width alone | `widths` |
 //! | two candidates a line, neighbours, what the filters cannot do | `robust` |
 //! | edges of brightness, speckle, ends and bends: what only the lines together show | `along` |
 //! | only around the last image's positions | `gate` |
@@ -31,6 +32,7 @@ mod rows;
 mod spikes;
 #[cfg(test)]
 mod tests;
+mod widths;
 mod window;
 
 use fearless_simd::{Level, dispatch};
@@ -45,6 +47,7 @@ pub use gate::Tracking;
 use measure::group_from;
 use robust::Second;
 use spikes::Cleaned;
+use widths::Widths;
 use window::{GROUP, Windows};
 
 /// What the kernels must know of stripe and camera, and what decides.
@@ -96,6 +99,7 @@ pub(crate) struct Engine {
     bank: Bank,
     model: Model,
     estimates: Estimates,
+    widths: Widths,
     second: Second,
     along: Along,
     gate: Gate,
@@ -144,6 +148,7 @@ impl Engine {
             bank: Bank::new(model.width_px, model.noise, model.min_snr),
             model,
             estimates: Estimates::default(),
+            widths: Widths::default(),
             second: Second::new(level),
             along: Along::default(),
             gate: Gate::default(),

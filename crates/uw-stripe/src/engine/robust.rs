@@ -144,6 +144,7 @@ impl Engine {
         if self.goes_on(job, &mut buffers.front.places[1].at, stripe) {
             self.second_say(job, buffers, stripe);
         }
+        self.by_width(&job, buffers, stripe);
         let (first_line, _, _) = job.origin();
         let lines = first_line..first_line + job.lines();
         let needs = |s: &Stripe, line: usize| {
