@@ -26,6 +26,10 @@ pub(crate) const MAX_ITERATIONS: usize = 200;
 /// 10 000 points, and well above the rounding of the sum.
 const COST_TOLERANCE: f64 = 1e-10;
 
+/// Share of a parameter's own information that the others must leave of it for a last step to be believed unseen: a parameter that nothing tells
+/// may go far at no gain.
+const DETERMINED: f64 = 1e-6;
+
 /// Damping above which no step that lowers the cost is left: rounding has been reached.
 const MAX_DAMPING: f64 = 1e12;
 
@@ -49,17 +53,24 @@ pub(crate) fn minimise<S, const P: usize>(
         for i in 0..P {
             damped[(i, i)] *= 1.0 + damping;
         }
-        let step = damped.cholesky().map(|factor| -factor.solve(&normal.gradient));
-        let trial = step.map(|step| (-step.dot(&normal.gradient), moved(&at, &step)));
+        let factor = damped.cholesky();
+        let told = factor.as_ref().is_some_and(|factor| {
+            (0..P).all(|i| factor.l_dirty()[(i, i)].powi(2) > DETERMINED * damped[(i, i)])
+        });
+        let trial = factor.map(|factor| -factor.solve(&normal.gradient)).map(|step| {
+            let predicted = -step.dot(&normal.gradient);
+            (predicted, damping <= 10.0 && predicted <= COST_TOLERANCE * normal.cost, moved(&at, &step))
+        });
         let trial = match trial {
             // So little is not worth a look, which may find nothing but rounding.
-            Some((predicted, next)) if damping <= 10.0 && predicted <= COST_TOLERANCE * normal.cost => {
-                return Some(next);
-            }
-            trial => trial.map(|(predicted, next)| (predicted, evaluate(&next), next)),
+            Some((_, true, next)) if told => return Some(next),
+            trial => trial.map(|(predicted, done, next)| (predicted, done, evaluate(&next), next)),
         };
         match trial {
-            Some((predicted, next_normal, next)) if next_normal.cost <= normal.cost => {
+            Some((_, true, next_normal, next)) => {
+                return Some(if next_normal.cost <= normal.cost { next } else { at });
+            }
+            Some((predicted, _, next_normal, next)) if next_normal.cost <= normal.cost => {
                 let gain = (normal.cost - next_normal.cost) / predicted;
                 (at, normal) = (next, next_normal);
                 // Curvature that Gauss and Newton leave out makes steps too long: then the gain is small.

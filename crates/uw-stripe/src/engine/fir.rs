@@ -59,6 +59,8 @@ pub(crate) struct Bank {
     peak: f32,
     /// Shift beyond which the window should be moved, px.
     pub recentre: f32,
+    /// Whether shifts are made right by the width that is read, for lines whose width is known to be another: what it reads of others is mostly noise.
+    corrects: bool,
 }
 
 /// Filters at one level, split in what is odd and what is even in k.
@@ -84,6 +86,8 @@ struct Kernel {
     range: [f32; 2],
     /// Variance of D for unit variance that is even over the pixels, follows the stripe, follows its square.
     noise: [f32; 3],
+    /// Share of a shift beside the offset that is lacking, by the logarithm of width that is read.
+    lacking: f32,
 }
 
 /// What a group of lines yields; lane by lane.
@@ -98,7 +102,7 @@ pub(crate) struct Estimates {
     pub excess: [f32; GROUP],
     /// Largest grey value of the window, DN.
     pub top: [f32; GROUP],
-    /// Slope of the background by its standard deviation; only where asked for.
+    /// Slope of the background along the line by its standard deviation; only where asked for.
     pub slope: [f32; GROUP],
     /// Shift that the slope of the background makes in the plain filter, px; only where asked for.
     pub lean: [f32; GROUP],
@@ -163,7 +167,13 @@ impl Bank {
             flux,
             peak: plain.middle[1].max(f32::MIN_POSITIVE).sqrt().recip(),
             recentre: (PHASE + BELIEVED_WIDTHS * width) as f32,
+            corrects: false,
         }
+    }
+
+    /// The same, for lines that are known to be of about that width: their shifts are made right by the width that is read.
+    pub fn corrected(self) -> Self {
+        Self { corrects: true, ..self }
     }
 
     /// Variance of a grey value: that of none, DN², and what each DN adds.
@@ -260,6 +270,7 @@ impl Bank {
         let mut moment_variance = variance([base, own, speckle], &kernel.noise);
         let inverse = splat(simd, 1.0) / safe;
         let mut t = clamp(simd, moment * inverse, kernel.range);
+        let mut stretch = splat(simd, 1.0);
         if EXTRA {
             // A stripe beside the offset looks a little wider, and leaning.
             let slope = (mirrored.of(simd, extra[0]) + extra[1] + middle * kernel.extra_middle[0]) * inverse
@@ -270,11 +281,14 @@ impl Bank {
                 * inverse
                 - polynomial(simd, &kernel.expected[1], t);
             let lean = slope * kernel.lean;
-            z.store_slice(&mut out.slope[from..from + CHUNK]);
+            mirrored.of(simd, z).store_slice(&mut out.slope[from..from + CHUNK]);
             lean.store_slice(&mut out.lean[from..from + CHUNK]);
             widening.store_slice(&mut out.ln_width[from..from + CHUNK]);
             let sigma = variance([base, own, speckle], &kernel.extra_noise[1]).sqrt() * inverse;
             sigma.store_slice(&mut out.sigma_ln_width[from..from + CHUNK]);
+            if self.corrects {
+                stretch += widening * kernel.lacking;
+            }
             // What haze does to one line is hidden in its noise; sixteen neighbours show it.
             let say = mirrored.of(simd, clamp(simd, z, [-MOST_SAY, MOST_SAY]));
             if say.reduce_sum().abs() > SIGNIFICANT * (CHUNK as f32).sqrt() {
@@ -282,7 +296,8 @@ impl Bank {
                 moment_variance += slope_variance * (kernel.lean * kernel.lean);
             }
         }
-        let shift = polynomial(simd, &kernel.shift, t);
+        let offset = splat(simd, PHASE as f32);
+        let shift = offset + (polynomial(simd, &kernel.shift, t) - offset) * stretch;
         let rate = polynomial(simd, &kernel.rate, t);
         background = background.max(zero);
         let sigma = moment_variance.sqrt() * rate * inverse;
@@ -407,6 +422,7 @@ impl Kernel {
             (1..=half).map(|k| [odd(k, a), even(k, a), odd(k, b), even(k, b)]).collect::<Vec<_>>()
         };
         let (shift, expected, range) = inversion(width, half, &filters);
+        let lacking = lacking(width, half, &filters, (&shift, &expected[1]));
         let rate = std::array::from_fn(|k| if k < DEGREE { shift[k + 1] * (k + 1) as f32 } else { 0.0 });
         Self {
             taps: parts(0, 1),
@@ -420,8 +436,37 @@ impl Kernel {
             expected,
             range,
             noise: noise(0),
+            lacking,
         }
     }
+}
+
+/// What the filters read of a noise-free stripe of height 1, of that shift and width.
+fn read(filters: &[[f64; 4]], half: usize, (shift, width): (f64, f64)) -> [f64; 4] {
+    let mut read = [0.0; 4];
+    for (i, f) in filters.iter().enumerate() {
+        let g = profile(i as f64 - half as f64, shift, width).0;
+        read.iter_mut().zip(f).for_each(|(sum, f)| *sum += f * g);
+    }
+    read
+}
+
+/// By how much of itself a shift beside the offset is read too small, by the logarithm of width that is read with it: of noise-free stripes a little wider
+/// and narrower than the filters.
+fn lacking(width: f64, half: usize, filters: &[[f64; 4]], (shift, wider): (&Polynomial, &Polynomial)) -> f32 {
+    const AWAY: f64 = 0.25;
+    const WIDER: f64 = 0.08;
+    let value = |c: &Polynomial, t: f64| c.iter().rev().fold(0.0, |sum, c| sum * t + f64::from(*c));
+    let one = |(away, by): (f64, f64)| {
+        let [moment, height, _, widening] = read(filters, half, (PHASE + away, width * (1.0 + by)));
+        let t = moment / height;
+        let found = value(shift, t) - PHASE;
+        (away / found - 1.0) / (widening / height - value(wider, t))
+    };
+    let all = [(AWAY, WIDER), (AWAY, -WIDER), (-AWAY, WIDER), (-AWAY, -WIDER)].map(one);
+    let mean = all.iter().sum::<f64>() / all.len() as f64;
+    // Too narrow a filter tells no width.
+    if mean.is_finite() { mean.clamp(0.0, 1.0) as f32 } else { 0.0 }
 }
 
 /// Polynomials in t = D/A for a stripe's shift and for what the extra filters read by its height, fitted to noise-free stripes, and the range
@@ -436,12 +481,7 @@ fn inversion(width: f64, half: usize, filters: &[[f64; 4]]) -> (Polynomial, [Pol
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for step in 0..=STEPS {
         let shift = from + (to - from) * step as f64 / STEPS as f64;
-        let mut read = [0.0; 4];
-        for (i, f) in filters.iter().enumerate() {
-            let g = profile(i as f64 - half as f64, shift, width).0;
-            read.iter_mut().zip(f).for_each(|(sum, f)| *sum += f * g);
-        }
-        let [moment, height, slope, wider] = read;
+        let [moment, height, slope, wider] = read(filters, half, (shift, width));
         let t = moment / height;
         (low, high) = (low.min(t), high.max(t));
         let powers = SVector::<f64, TERMS>::from_fn(|k, _| t.powi(k as i32));

@@ -10,9 +10,9 @@ const NOISE: NoiseModel =
 /// Position and sigma, px, summed over the lines.
 const RECORDED: [(Method, [f64; 2]); 6] = [
     (Method::Fast, [7202.66867, 1.85780]),
-    (Method::Robust, [7202.58958, 1.56361]),
+    (Method::Robust, [7202.72421, 1.66590]),
     (Method::Precise, [7202.66518, 2.10631]),
-    (Method::Ridge, [7202.64438, 0.83825]),
+    (Method::Ridge, [7202.65220, 0.83822]),
     (Method::Cog, [7202.20180, 3.35099]),
     (Method::BlaisRioux, [7202.58984, 1.66577]),
 ];
