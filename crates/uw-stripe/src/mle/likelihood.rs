@@ -12,8 +12,8 @@ use std::ops::Range;
 
 /// Beyond so many widths from the centre there is no stripe: less than 1e-7 of its height.
 const STRIPE_WIDTHS: f64 = 5.7;
-/// Step of ln width by that of the centre, in widths, which matters more.
-const WIDTH_LENIENCE: f64 = 10.0;
+/// Step of the centre, in widths, and of ln width, below which the iteration has settled.
+const SETTLED: f64 = 3e-4;
 /// Steps are cut to these: centre in widths, ln width, so that a bad start cannot throw the fit off its candidate.
 const LONGEST_STEP: [f64; 2] = [0.7, 0.35];
 
@@ -308,20 +308,19 @@ impl<'a, S: Simd> Group<'a, S> {
         }
     }
 
-    /// Moves `at` towards the maximum of the likelihood, in `rounds.0` iterations at most, until a step of the centre is below `settled` widths; tells where it settled so, and takes those
-    /// out of `alive` where it ran away. For the first `rounds.1` the background's origin follows the centre.
+    /// Moves `at` towards the maximum of the likelihood, in `rounds.0` iterations at most; tells where it settled there, and takes those out of
+    /// `alive` where it ran away. For the first `rounds.1` the background's origin follows the centre.
     #[inline(always)]
     pub fn iterate<const N: usize>(
         &mut self,
         at: &mut [V<S>; N],
         sizes: V<S>,
         rounds: (usize, usize),
-        settled: V<S>,
         alive: &mut Mask<S>,
     ) -> Mask<S> {
-        let mut there = Mask::splat(self.simd, false);
+        let mut settled = Mask::splat(self.simd, false);
         for round in 0..rounds.0 {
-            let active = *alive & !there;
+            let active = *alive & !settled;
             if !active.any_true() {
                 break;
             }
@@ -344,14 +343,14 @@ impl<'a, S: Simd> Group<'a, S> {
             // Flux stays positive: halfway down at most.
             at[FLUX] = (active & at[FLUX].simd_lt(least)).select(least, at[FLUX]);
             *alive &= !active | sum.simd_eq(0.0);
-            let near = step[CENTRE].abs().simd_lt(width * settled)
-                & step[LN_WIDTH].abs().simd_lt(settled * WIDTH_LENIENCE);
+            let near =
+                step[CENTRE].abs().simd_lt(width * SETTLED) & step[LN_WIDTH].abs().simd_lt(SETTLED * 10.0);
             let done = active & near & !cut;
-            there |= done;
+            settled |= done;
             if round < rounds.1 {
                 self.pivot = (active & !done).select(at[CENTRE], self.pivot);
             }
         }
-        there & *alive
+        settled & *alive
     }
 }

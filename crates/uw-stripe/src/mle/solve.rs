@@ -19,10 +19,6 @@ pub(super) const ITERATIONS: usize = 30;
 pub(super) const AT_A_TIME: usize = 3;
 /// Iterations before the background is judged straight or bent.
 const FIRST_LOOK: usize = 4;
-/// Step of the centre, in widths, below which the iteration has settled; and before the first look at the whole window, which is a step more. Where
-/// pixels are at full scale, that one does less.
-const SETTLED: f64 = 3e-4;
-const CLOSE_BY: f64 = 0.002;
 /// Iterations after which the background's origin follows the centre no more.
 const PIVOTING: usize = 2;
 /// Step, in widths and of ln width, that one solution of the normal equations does as well as an iteration would.
@@ -95,10 +91,7 @@ fn look_here<S: Simd>(
     group.use_pixels(problems.map(|p| &p.close));
     let starts = problems.map(Problem::start);
     let mut first: [V<S>; STRAIGHT] = std::array::from_fn(|k| gather(simd, |lane| starts[lane][k]));
-    let saturated = pixels.clip.iter().fold(0, |all, [full, _]| all | full);
-    let by = Mask::from_bitmask(simd, u64::from(saturated))
-        .select(V::splat(simd, SETTLED), V::splat(simd, CLOSE_BY));
-    let close = group.iterate(&mut first, straight, (FIRST_LOOK, PIVOTING), by, &mut alive);
+    let settled = group.iterate(&mut first, straight, (FIRST_LOOK, PIVOTING), &mut alive);
     // There, what is left to do in the whole window: by all parameters, and by those of a straight background.
     let mut at = [none; MOST];
     at[..STRAIGHT].copy_from_slice(&first);
@@ -113,9 +106,8 @@ fn look_here<S: Simd>(
     let bent = bend.simd_gt(BENT);
     factor.solve_first::<STRAIGHT>(&mut rest);
     let width = exp(simd, at[LN_WIDTH]);
-    let near = close.select(V::splat(simd, NEAR), by);
-    let near = rest[CENTRE].abs().simd_lt(width * near) & rest[LN_WIDTH].abs().simd_lt(near);
-    let converged = near & !bent;
+    let near = rest[CENTRE].abs().simd_lt(width * NEAR) & rest[LN_WIDTH].abs().simd_lt(NEAR);
+    let converged = settled & near & !bent;
     // Where one such step is enough, the fit ends there; `at` is where information and score were taken.
     let mut end = at;
     for k in 0..STRAIGHT {
@@ -167,7 +159,7 @@ fn go_on_here<S: Simd>(
     let sizes = gather(simd, |lane| ways[lane].size as f64);
     let mut alive = Mask::splat(simd, true);
     let rounds = (AT_A_TIME, PIVOTING.saturating_sub(round));
-    let settled = group.iterate(&mut at, sizes, rounds, V::splat(simd, SETTLED), &mut alive).to_bitmask();
+    let settled = group.iterate(&mut at, sizes, rounds, &mut alive).to_bitmask();
     let (at, pivot) = (at.map(Row::from), Row::from(group.pivot));
     for (lane, way) in ways.iter_mut().enumerate() {
         way.at = std::array::from_fn(|k| at[k].0[lane]);
