@@ -113,6 +113,15 @@ pub(crate) struct Estimates {
     pub spike: bool,
 }
 
+impl Estimates {
+    /// Chi-square over the two shapes that the filters lack, by their number.
+    #[inline(always)]
+    pub fn shape_chi2(&self, l: usize) -> f32 {
+        let widening = self.ln_width[l] / self.sigma_ln_width[l];
+        0.5 * (self.slope[l] * self.slope[l] + widening * widening)
+    }
+}
+
 impl Default for Estimates {
     fn default() -> Self {
         let none = [0.0; GROUP];

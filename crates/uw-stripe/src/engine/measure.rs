@@ -17,7 +17,13 @@ const LOPSIDED: f32 = 11.5;
 const LEAN_SIGMAS: f32 = 1.0;
 pub(super) const WIDENING: f32 = 0.1;
 /// Least width by the filters', whose reading of it is a first order.
-pub(super) const NARROWEST: f32 = 0.25;
+const NARROWEST: f32 = 0.25;
+
+/// The width that filters of a width read by its logarithm.
+#[inline(always)]
+pub(super) fn read_width(width_px: f32, ln_width: f32) -> f32 {
+    width_px * (1.0 + ln_width).max(NARROWEST)
+}
 
 /// Lines of the group that starts at `from`, counted from the region's first; the last group of columns overlaps the one before.
 pub(super) fn group_from<P: Pixel>(job: &Job<'_, P>, from: usize) -> Range<usize> {
@@ -148,11 +154,10 @@ impl Engine {
             stripe.chi2[out.clone()].fill(f32::NAN);
         } else {
             for (found, ln_width) in stripe.width_px[out.clone()].iter_mut().zip(&e.ln_width) {
-                *found = width * (1.0 + ln_width).max(NARROWEST);
+                *found = read_width(width, *ln_width);
             }
             for (chi2, l) in stripe.chi2[out.clone()].iter_mut().zip(0..GROUP) {
-                let widening = e.ln_width[l] / e.sigma_ln_width[l];
-                *chi2 = 0.5 * (e.slope[l] * e.slope[l] + widening * widening);
+                *chi2 = e.shape_chi2(l);
                 let leans = e.lean[l].abs() > LEAN_SIGMAS * e.sigma[l];
                 let wider = e.ln_width[l].abs() > WIDENING;
                 lacking |= (*chi2 > LOPSIDED) & (leans | wider);

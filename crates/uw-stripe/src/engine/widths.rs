@@ -8,7 +8,7 @@ use fearless_simd::{Simd, dispatch};
 use super::fir::{Bank, Estimates};
 use super::front::NOWHERE;
 use super::lanes::CHUNK;
-use super::measure::{NARROWEST, WIDENING, group_from};
+use super::measure::{WIDENING, group_from, read_width};
 use super::window::{GROUP, Group};
 use super::{Buffers, Engine, Job, Model};
 use crate::Pixel;
@@ -135,17 +135,16 @@ impl Engine {
                     if !sound {
                         continue;
                     }
-                    width[l] = bank.width * (1.0 + e.ln_width[l]).max(NARROWEST);
+                    width[l] = read_width(bank.width, e.ln_width[l]);
                     if e.ln_width[l].abs() > WIDENING || width[l] > model.max_width_px {
                         continue;
                     }
-                    let widening = e.ln_width[l] / e.sigma_ln_width[l];
                     stripe.position_px[line] = *place as f32 + e.shift[l] + first_pixel as f32;
                     stripe.width_px[line] = width[l];
                     stripe.sigma_px[line] = e.sigma[l];
                     stripe.amplitude[line] = e.amplitude[l];
                     stripe.background[line] = e.background[l];
-                    stripe.chi2[line] = 0.5 * (e.slope[l] * e.slope[l] + widening * widening);
+                    stripe.chi2[line] = e.shape_chi2(l);
                     stripe.flags[line] = stripe.flags[line].without(Flags::EDGE);
                 }
             }
@@ -212,6 +211,7 @@ mod tests {
             assert!((width / (ratio * WIDTH) - 1.0).abs() < WIDTH_WITHIN, "{ratio}: {width}");
         }
     }
+
     #[test]
     fn a_stripe_that_stands_still_is_not_drawn_to_the_pixels() {
         for ratio in [0.81, 1.25, 1.42] {
