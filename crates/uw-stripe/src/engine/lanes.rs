@@ -3,8 +3,8 @@
 
 use super::{AllBuffers, Buffers};
 use fearless_simd::{
-    Bytes, Simd, SimdBase, SimdCombine, SimdInt, SimdIntElement, SimdSplit, SimdWiden, f32x16, i32x16, u8x16,
-    u8x64, u16x8, u16x16, u16x32, u32x4, u32x16,
+    Bytes, Simd, SimdBase, SimdCombine, SimdInt, SimdIntElement, SimdWiden, f32x16, i32x16, u8x16, u8x32,
+    u8x64, u16x16, u16x32, u32x16,
 };
 
 /// Largest [`Lanes::N`].
@@ -27,8 +27,6 @@ pub trait Lanes: SimdIntElement + Default + Ord + Send + Sync + std::ops::Sub<Ou
     type V<S: Simd>: SimdBase<S, Element = Self> + SimdInt<S>;
     /// As wide a vector of lanes twice as wide, each with a grey value above a number: the largest tells where the largest value is.
     type Keys<S: Simd>: SimdBase<S, Element = Self::Wide> + SimdInt<S>;
-    /// What is left of it once its parts of 16 bytes are compared with each other.
-    type Key<S: Simd>: SimdBase<S, Element = Self::Wide> + SimdInt<S>;
     /// A lane of it.
     type Wide: SimdIntElement + Copy + Default + Ord + Into<u32>;
     /// The smallest grey value.
@@ -41,12 +39,17 @@ pub trait Lanes: SimdIntElement + Default + Ord + Send + Sync + std::ops::Sub<Ou
     fn from_index(index: u8) -> Self;
     /// The grey value as a number to count with.
     fn index(self) -> u32;
-    /// What [`Self::keys`] takes for a vector that begins at this place of a row: numbers that fall from 255 on, of the even places and the odd.
-    fn numbers<S: Simd>(simd: S, from: u8) -> [Self::Keys<S>; 2];
+    /// As many pixels of one row, then of another, as half a vector holds.
+    fn join<S: Simd>(simd: S, first: &[Self], second: &[Self]) -> Self::V<S>;
+    /// What [`Self::keys`] takes for a vector of which each `period` pixels begin at this place of a row: numbers that fall from 255 on, of the even
+    /// places and the odd. The period is a vector or half of one.
+    fn numbers<S: Simd>(simd: S, from: u8, period: usize) -> [Self::Keys<S>; 2];
     /// Grey values above their places' numbers, the larger ones of each even place and the odd one after it.
     fn keys<S: Simd>(simd: S, values: Self::V<S>, numbers: [Self::Keys<S>; 2]) -> Self::Keys<S>;
-    /// The largest of every lane of the parts of 16 bytes.
-    fn fold<S: Simd>(keys: Self::Keys<S>) -> Self::Key<S>;
+    /// The larger of neighbours among four bytes' keys, of one vector and then of another.
+    fn larger<S: Simd>(simd: S, first: Self::Keys<S>, second: Self::Keys<S>) -> Self::Keys<S>;
+    /// The places that the largest keys of each four bytes tell.
+    fn places<S: Simd>(simd: S, keys: Self::Keys<S>) -> u32x16<S>;
     /// The vectors of a square matrix of so many rows and pixels, of two bytes a pixel at most; the first ones where they are fewer.
     fn square<S: Simd>(simd: S, rows: &[&[Self; CHUNK]; CHUNK]) -> [Self::V<S>; SQUARE];
     /// As many grey values as numbers to measure with.
@@ -73,23 +76,23 @@ pub(super) fn splat<S: Simd, P: Lanes>(simd: S, value: P) -> P::V<S> {
     P::V::<S>::splat(simd, value)
 }
 
-/// 255, 254, …: of equal values the first has the largest key. Those of the even places, and of the odd.
-const fn numbers() -> [[u16; 32]; 2] {
+/// 255, 254, …, from there on again after so many: of equal values the first has the largest key. Those of the even places, and of the odd.
+const fn numbers(period: usize) -> [[u16; 32]; 2] {
     let mut numbers = [[0; 32]; 2];
     let mut i = 0;
     while i < 64 {
-        numbers[i % 2][i / 2] = (NUMBERED - 1 - i) as u16;
+        numbers[i % 2][i / 2] = (NUMBERED - 1 - i % period) as u16;
         i += 1;
     }
     numbers
 }
 
 /// The same for wider lanes.
-const fn wide_numbers() -> [[u32; 16]; 2] {
+const fn wide_numbers(period: usize) -> [[u32; 16]; 2] {
     let mut numbers = [[0; 16]; 2];
     let mut i = 0;
     while i < 32 {
-        numbers[i % 2][i / 2] = (NUMBERED - 1 - i) as u32;
+        numbers[i % 2][i / 2] = (NUMBERED - 1 - i % period) as u32;
         i += 1;
     }
     numbers
@@ -99,7 +102,6 @@ impl Lanes for u8 {
     const N: usize = 64;
     type V<S: Simd> = u8x64<S>;
     type Keys<S: Simd> = u16x32<S>;
-    type Key<S: Simd> = u16x8<S>;
     type Wide = u16;
     const ZERO: Self = 0;
     const MAX: Self = Self::MAX;
@@ -113,10 +115,14 @@ impl Lanes for u8 {
         u32::from(self)
     }
     #[inline(always)]
-    fn numbers<S: Simd>(simd: S, from: u8) -> [u16x32<S>; 2] {
-        const NUMBERS: [[u16; 32]; 2] = numbers();
+    fn join<S: Simd>(simd: S, first: &[u8], second: &[u8]) -> u8x64<S> {
+        u8x32::from_slice(simd, &first[..32]).combine(u8x32::from_slice(simd, &second[..32]))
+    }
+    #[inline(always)]
+    fn numbers<S: Simd>(simd: S, from: u8, period: usize) -> [u16x32<S>; 2] {
+        const NUMBERS: [[[u16; 32]; 2]; 2] = [numbers(32), numbers(64)];
         let from = u16x32::splat(simd, u16::from(from));
-        [u16x32::load_array_ref(simd, &NUMBERS[0]) - from, u16x32::load_array_ref(simd, &NUMBERS[1]) - from]
+        NUMBERS[usize::from(period == Self::N)].each_ref().map(|n| u16x32::load_array_ref(simd, n) - from)
     }
     #[inline(always)]
     fn keys<S: Simd>(simd: S, values: u8x64<S>, [even, odd]: [u16x32<S>; 2]) -> u16x32<S> {
@@ -125,10 +131,18 @@ impl Lanes for u8 {
         ((pairs << 8) | even).max((pairs & u16x32::splat(simd, 0xff00)) | odd)
     }
     #[inline(always)]
-    fn fold<S: Simd>(keys: u16x32<S>) -> u16x8<S> {
-        let (low, high) = keys.split();
-        let (low, high) = low.max(high).split();
-        low.max(high)
+    fn larger<S: Simd>(_: S, first: u16x32<S>, second: u16x32<S>) -> u16x32<S> {
+        let (first, second): (u32x16<S>, u32x16<S>) = (first.bitcast(), second.bitcast());
+        let (even, odd) = first.deinterleave(second);
+        let (even, odd): (u16x32<S>, u16x32<S>) = (even.bitcast(), odd.bitcast());
+        even.max(odd)
+    }
+    #[inline(always)]
+    fn places<S: Simd>(simd: S, keys: u16x32<S>) -> u32x16<S> {
+        let pairs: u32x16<S> = keys.bitcast();
+        let upper = pairs >> 16;
+        u32x16::splat(simd, NUMBERED as u32 - 1)
+            - (upper.max(pairs & u32x16::splat(simd, 0xffff)) & u32x16::splat(simd, NUMBERED as u32 - 1))
     }
     #[inline(always)]
     fn square<S: Simd>(simd: S, rows: &[&[u8; CHUNK]; CHUNK]) -> [u8x64<S>; SQUARE] {
@@ -155,7 +169,6 @@ impl Lanes for u16 {
     const N: usize = 32;
     type V<S: Simd> = u16x32<S>;
     type Keys<S: Simd> = u32x16<S>;
-    type Key<S: Simd> = u32x4<S>;
     type Wide = u32;
     const ZERO: Self = 0;
     const MAX: Self = Self::MAX;
@@ -169,10 +182,14 @@ impl Lanes for u16 {
         u32::from(self)
     }
     #[inline(always)]
-    fn numbers<S: Simd>(simd: S, from: u8) -> [u32x16<S>; 2] {
-        const NUMBERS: [[u32; 16]; 2] = wide_numbers();
+    fn join<S: Simd>(simd: S, first: &[u16], second: &[u16]) -> u16x32<S> {
+        u16x16::from_slice(simd, &first[..16]).combine(u16x16::from_slice(simd, &second[..16]))
+    }
+    #[inline(always)]
+    fn numbers<S: Simd>(simd: S, from: u8, period: usize) -> [u32x16<S>; 2] {
+        const NUMBERS: [[[u32; 16]; 2]; 2] = [wide_numbers(16), wide_numbers(32)];
         let from = u32x16::splat(simd, u32::from(from));
-        [u32x16::load_array_ref(simd, &NUMBERS[0]) - from, u32x16::load_array_ref(simd, &NUMBERS[1]) - from]
+        NUMBERS[usize::from(period == Self::N)].each_ref().map(|n| u32x16::load_array_ref(simd, n) - from)
     }
     #[inline(always)]
     fn keys<S: Simd>(simd: S, values: u16x32<S>, [even, odd]: [u32x16<S>; 2]) -> u32x16<S> {
@@ -181,10 +198,13 @@ impl Lanes for u16 {
         ((pairs << 16) | even).max((pairs & u32x16::splat(simd, 0xffff_0000)) | odd)
     }
     #[inline(always)]
-    fn fold<S: Simd>(keys: u32x16<S>) -> u32x4<S> {
-        let (low, high) = keys.split();
-        let (low, high) = low.max(high).split();
-        low.max(high)
+    fn larger<S: Simd>(_: S, first: u32x16<S>, second: u32x16<S>) -> u32x16<S> {
+        let (even, odd) = first.deinterleave(second);
+        even.max(odd)
+    }
+    #[inline(always)]
+    fn places<S: Simd>(simd: S, keys: u32x16<S>) -> u32x16<S> {
+        u32x16::splat(simd, NUMBERED as u32 - 1) - (keys & u32x16::splat(simd, NUMBERED as u32 - 1))
     }
     #[inline(always)]
     fn square<S: Simd>(simd: S, rows: &[&[u16; CHUNK]; CHUNK]) -> [u16x32<S>; SQUARE] {

@@ -123,7 +123,7 @@ impl<P: Pixel> Front<P> {
 
     /// True for as many pixels a row as [`Self::rows_nearby`] can number.
     pub fn numbers(width: usize) -> bool {
-        (P::N..=NUMBERED).contains(&width)
+        width == P::N / 2 || (P::N..=NUMBERED).contains(&width)
     }
 
     /// The candidates of some rows of a region that holds nothing but the stripe's surroundings: each row's maximum.
@@ -195,9 +195,10 @@ impl<P: Pixel> Front<P> {
         let from = (peak - before.min(peak)).saturating_sub(MARGIN);
         let to = (peak + after + MARGIN).min(width);
         let near = start + from.saturating_sub(search.reach)..start + (to + search.reach).min(width);
-        // At least a vector, where there is one.
-        let to = to.max((from + P::N).min(width));
-        Some(Span { from: from.min(to.saturating_sub(P::N)), to, near })
+        // At least half a vector or a whole one, where there is as much.
+        let size = if to - from <= P::N / 2 { P::N / 2 } else { (to - from).max(P::N) }.min(width);
+        let from = from.min(width - size);
+        Some(Span { from, to: from + size, near })
     }
 
     /// Places of the rows' maxima in some blocks' spans.
@@ -287,10 +288,10 @@ fn run<S: Simd, P: Pixel>(simd: S, values: &[P], peak: usize, low: P) -> (usize,
     )
 }
 
-/// Place of the largest grey value in each of up to 16 rows, `span` pixels of each, at least a vector and at most what a byte numbers.
+/// Place of the largest grey value in each of up to 16 rows, `span` pixels of each, at least half a vector and at most what a byte numbers.
 ///
-/// Each value is put above a number that tells its place. Vectors are interleaved in pairs, so that one of half of each remains, until each
-/// lane holds a row.
+/// Each value is put above a number that tells its place, every other is compared with its neighbour, and what remains of all rows is halved in the
+/// same way until each lane holds a row. Two rows share a vector where half of one holds a row.
 #[inline(always)]
 fn tops<S: Simd, P: Pixel>(
     simd: S,
@@ -298,46 +299,42 @@ fn tops<S: Simd, P: Pixel>(
     span: usize,
     rows: usize,
 ) -> [u32; ROWS] {
-    /// Most lanes of a [`Lanes::Key`].
-    const MOST: usize = 8;
-    let numbers = P::numbers(simd, 0);
-    let mut best = [P::Key::<S>::splat(simd, P::Wide::default()); ROWS];
-    for (r, best) in best.iter_mut().enumerate() {
-        // Below the last row comes the last row again.
-        let row = &pixels[r.min(rows - 1) * stride..][..span];
-        let mut keys = P::keys(simd, vector(simd, &row[..P::N]), numbers);
-        // Nearly always one vector or two.
-        let mut from = P::N;
-        while from < span {
-            let at = from.min(span - P::N);
-            keys = keys.max(P::keys(simd, vector(simd, &row[at..at + P::N]), P::numbers(simd, at as u8)));
-            from += P::N;
+    // Below the last row comes the last row again.
+    let row = |r: usize| &pixels[r.min(rows - 1) * stride..][..span];
+    let mut best = [P::Keys::<S>::splat(simd, P::Wide::default()); ROWS];
+    if span <= P::N / 2 {
+        let numbers = P::numbers(simd, 0, P::N / 2);
+        for (r, best) in best[..ROWS / 2].iter_mut().enumerate() {
+            *best = P::keys(simd, P::join(simd, row(2 * r), row(2 * r + 1)), numbers);
         }
-        *best = P::fold(keys);
-    }
-    let lanes = P::N / MOST;
-    halve::<S, P, 8>(&mut best);
-    halve::<S, P, 4>(&mut best);
-    if lanes == MOST {
-        halve::<S, P, 2>(&mut best);
-    }
-    let apart = ROWS / lanes;
-    let mut tops = [0u32; ROWS];
-    for (r, best) in best[..apart].iter().enumerate() {
-        let mut keys = [P::Wide::default(); MOST];
-        best.store_slice(&mut keys[..lanes]);
-        for (l, key) in keys[..lanes].iter().enumerate() {
-            tops[r + l * apart] = NUMBERED as u32 - 1 - ((*key).into() & (NUMBERED as u32 - 1));
+    } else {
+        let numbers = P::numbers(simd, 0, P::N);
+        for (r, best) in best.iter_mut().enumerate() {
+            let row = row(r);
+            *best = P::keys(simd, vector(simd, &row[..P::N]), numbers);
+            // Nearly always one vector or two.
+            let mut from = P::N;
+            while from < span {
+                let at = from.min(span - P::N);
+                let numbers = P::numbers(simd, at as u8, P::N);
+                *best = best.max(P::keys(simd, vector(simd, &row[at..at + P::N]), numbers));
+                from += P::N;
+            }
         }
+        halve::<S, P, 8>(simd, &mut best);
     }
+    halve::<S, P, 4>(simd, &mut best);
+    halve::<S, P, 2>(simd, &mut best);
+    halve::<S, P, 1>(simd, &mut best);
+    let mut tops = [0; ROWS];
+    P::places(simd, best[0]).store_slice(&mut tops);
     tops
 }
 
-/// Of each of the first vectors and its partner half of them on, what is larger in either half, alternating.
+/// Of neighbours in twice as many vectors, the larger ones, in order.
 #[inline(always)]
-fn halve<S: Simd, P: Pixel, const HALF: usize>(best: &mut [P::Key<S>; ROWS]) {
-    for r in 0..HALF {
-        let (low, high) = best[r].interleave(best[r + HALF]);
-        best[r] = low.max(high);
+fn halve<S: Simd, P: Pixel, const COUNT: usize>(simd: S, best: &mut [P::Keys<S>; ROWS]) {
+    for r in 0..COUNT {
+        best[r] = P::larger(simd, best[2 * r], best[2 * r + 1]);
     }
 }
