@@ -7,14 +7,20 @@
 //!
 //! p is a quarter of a pixel to the side on which the stripe's centre lies, so that what is left is a quarter of a pixel and the filter is
 //! matched to a thousandth. Levels of ρ + κ are half octaves; a group of 16 lines shares one, at the mean of their heights.
+//!
+//! Taps are rounded to whole numbers, two pixels of 16 bits are multiplied and added by one instruction, and sums of 32 bits are exact. What a filter of
+//! rounded taps reads of a stripe is what t is inverted by, so that rounding costs a share of the noise that cannot be measured, and no bias.
 
 use std::ops::Range;
 
-use fearless_simd::{Select, Simd, SimdBase, SimdFloat, SimdMask, f32x16, mask32x16};
+use fearless_simd::{
+    Bytes, Select, Simd, SimdBase, SimdFloat, SimdInt, SimdIntWiden, SimdMask, f32x16, i16x32, i32x16,
+    mask32x16,
+};
 use nalgebra::{SMatrix, SVector};
 
 use super::lanes::CHUNK;
-use super::window::{GROUP, Windows};
+use super::window::{GROUP, Pair, Windows, split};
 use crate::special::normal;
 use crate::{NoiseModel, Pixel};
 
@@ -34,6 +40,9 @@ const SPIKE_SIGMAS: f32 = 5.0;
 /// its stripe is no haze.
 const SIGNIFICANT: f32 = 4.0;
 const MOST_SAY: f32 = 3.0;
+/// Factors that leave one pixel of a pair.
+const FIRST: i32 = 1;
+const SECOND: i32 = 1 << 16;
 /// Degree of the polynomial that inverts t.
 const DEGREE: usize = 5;
 
@@ -63,16 +72,15 @@ pub(crate) struct Bank {
     corrects: bool,
 }
 
-/// Filters at one level, split in what is odd and what is even in k.
+/// Filters at one level, split in what is odd and what is even in k, in whole numbers: sums are exact whatever their order.
 #[derive(Debug)]
 struct Kernel {
-    /// For k = 1 …: shift odd, shift even, height odd, height even.
-    taps: Vec<[f32; 4]>,
-    /// For k = 0: shift, height.
-    middle: [f32; 2],
-    /// The same for what the model lacks: slope of the background odd, even; width odd, even.
-    extra: Vec<[f32; 4]>,
-    extra_middle: [f32; 2],
+    /// For each pair of pixels, the taps of the first and, above 16 bits, of the second: of shift and height, odd and even.
+    taps: Vec<[[i32; 2]; 2]>,
+    /// The same for what the model lacks: slope of the background and width.
+    extra: Vec<[[i32; 2]; 2]>,
+    /// What one is in the taps of shift, height, slope, width.
+    unit: [f32; 4],
     /// Variances of the two for unit variance that is even, follows the stripe, follows its square.
     extra_noise: [[f32; 3]; 2],
     /// Shift of the centre by a background that slopes by its height a pixel.
@@ -88,6 +96,8 @@ struct Kernel {
     noise: [f32; 3],
     /// Share of a shift beside the offset that is lacking, by the logarithm of width that is read.
     lacking: f32,
+    /// The height's tap in the middle.
+    peak: f32,
 }
 
 /// What a group of lines yields; lane by lane.
@@ -174,7 +184,7 @@ impl Bank {
             dark: dark as f32,
             min_snr,
             flux,
-            peak: plain.middle[1].max(f32::MIN_POSITIVE).sqrt().recip(),
+            peak: plain.peak.max(f32::MIN_POSITIVE).sqrt().recip(),
             recentre: (PHASE + BELIEVED_WIDTHS * width) as f32,
             corrects: false,
         }
@@ -205,7 +215,7 @@ impl Bank {
         // All levels first: what each waits for overlaps.
         let mut levels = [0; GROUP / CHUNK];
         for (chunk, level) in levels[..chunks].iter_mut().enumerate() {
-            *level = self.level(simd, windows.chunk(chunk));
+            *level = self.level::<S, P>(simd, windows.chunk(chunk));
         }
         for (chunk, level) in levels[..chunks].iter().enumerate() {
             self.chunk::<S, P, EXTRA>(
@@ -219,12 +229,14 @@ impl Bank {
 
     /// The level of the filters for a chunk of lines.
     #[inline(always)]
-    fn level<S: Simd, P: Pixel>(&self, simd: S, (pixels, apart): (&[P], usize)) -> usize {
+    fn level<S: Simd, P: Pixel>(&self, simd: S, window: &[Pair]) -> usize {
         let noise = &self.noise;
         let (shot, dark) = (noise.gain_e_per_dn.recip(), self.dark);
-        let outer = floats(simd, pixels) + floats(simd, &pixels[2 * self.half * apart..]);
-        let around = outer.reduce_sum() * (0.5 / CHUNK as f32);
-        let height = floats(simd, &pixels[self.half * apart..]).reduce_sum() * (1.0 / CHUNK as f32) - around;
+        let outer = dot(simd, &window[0], FIRST) + dot(simd, &window[self.half], FIRST);
+        let which = if self.half.is_multiple_of(2) { FIRST } else { SECOND };
+        let middle = dot(simd, &window[self.half / 2], which);
+        let around = outer.reduce_sum() as f32 * (0.5 / CHUNK as f32) + P::BIAS;
+        let height = middle.reduce_sum() as f32 * (1.0 / CHUNK as f32) + P::BIAS - around;
         let contrast = noise.speckle_contrast * noise.speckle_contrast;
         let excess = height.max(0.0) * (shot + height * contrast);
         level(excess / (dark + around.max(0.0) * shot))
@@ -234,7 +246,7 @@ impl Bank {
     fn chunk<S: Simd, P: Pixel, const EXTRA: bool>(
         &self,
         simd: S,
-        (pixels, apart): (&[P], usize),
+        window: &[Pair],
         kernel: &Kernel,
         (lines, out): (Range<usize>, &mut Estimates),
     ) {
@@ -242,35 +254,35 @@ impl Bank {
         let (shot, dark) = (noise.gain_e_per_dn.recip(), self.dark);
         let contrast = noise.speckle_contrast * noise.speckle_contrast;
         let (half, from) = (self.half, lines.start);
-        let (first, rest) = pixels.split_at(half * apart);
-        let middle = floats(simd, rest);
-        let mut sums = [splat(simd, 0.0); 4];
-        let mut extra = [splat(simd, 0.0); 4];
-        let (mut total, mut top) = (middle, middle);
-        let pairs = first.chunks_exact(apart).rev().zip(rest[apart..].chunks_exact(apart));
-        for (((before, after), tap), more) in pairs.zip(&kernel.taps).zip(&kernel.extra) {
-            let before = floats(simd, before);
-            let after = floats(simd, after);
-            let (odd, even) = (after - before, after + before);
-            total += even;
-            top = top.max(before.max(after));
-            sums[0] += odd * tap[0];
-            sums[1] += even * tap[1];
-            sums[2] += odd * tap[2];
-            sums[3] += even * tap[3];
+        let nothing = i32x16::splat(simd, 0);
+        let (mut plain, mut extra, mut total) = ([[nothing; 2]; 2], [[nothing; 2]; 2], nothing);
+        let mut top = i16x32::splat(simd, i16::MIN);
+        for ((pair, taps), more) in window[..half].iter().zip(&kernel.taps).zip(&kernel.extra) {
+            add(simd, &mut plain, pair, taps);
             if EXTRA {
-                extra[0] += odd * more[0];
-                extra[1] += even * more[1];
-                extra[2] += odd * more[2];
-                extra[3] += even * more[3];
+                add(simd, &mut extra, pair, more);
             }
+            total += dot(simd, pair, FIRST | SECOND);
+            top = top.max(i16x32::load_array_ref(simd, pair));
         }
+        // The second pixel of the last pair is none of the window's.
+        let last = &window[half];
+        add(simd, &mut plain, last, &kernel.taps[half]);
+        if EXTRA {
+            add(simd, &mut extra, last, &kernel.extra[half]);
+        }
+        total += dot(simd, last, FIRST);
+        let least = both(simd, i32::from(i16::MAX) | i32::from(i16::MIN) << 16);
+        top = top.max(i16x32::load_array_ref(simd, last).min(least));
+        let bias = splat(simd, P::BIAS);
+        let [first, second] = split(top);
+        let top: f32x16<S> = first.max(second).to_float::<f32x16<S>>() + bias;
+        let total = total.to_float::<f32x16<S>>() + bias * ((2 * half + 1) as f32);
         let zero = splat(simd, 0.0);
-        let left = sums[0].simd_lt(zero);
         // Inlined always, unlike closures: a call would lose the registers.
-        let mirrored = Mirrored(left);
-        let moment = mirrored.of(simd, sums[0]) + sums[1] + middle * kernel.middle[0];
-        let height = mirrored.of(simd, sums[2]) + sums[3] + middle * kernel.middle[1];
+        let mirrored = Mirrored(plain[0][0].simd_lt(nothing));
+        let moment = mirrored.sum(simd, plain[0], kernel.unit[0]);
+        let height = mirrored.sum(simd, plain[1], kernel.unit[1]);
         // Where there is no stripe the height may be anything; the verdict falls on the ratio to its noise.
         let safe = height.max(splat(simd, LEAST_HEIGHT));
         let mut background = (total - height * self.flux) * ((2 * half + 1) as f32).recip();
@@ -282,12 +294,11 @@ impl Bank {
         let mut stretch = splat(simd, 1.0);
         if EXTRA {
             // A stripe beside the offset looks a little wider, and leaning.
-            let slope = (mirrored.of(simd, extra[0]) + extra[1] + middle * kernel.extra_middle[0]) * inverse
+            let slope = mirrored.sum(simd, extra[0], kernel.unit[2]) * inverse
                 - polynomial(simd, &kernel.expected[0], t);
             let slope_variance = variance([base, own, speckle], &kernel.extra_noise[0]);
             let z = slope * safe / slope_variance.sqrt();
-            let widening = (mirrored.of(simd, extra[2]) + extra[3] + middle * kernel.extra_middle[1])
-                * inverse
+            let widening = mirrored.sum(simd, extra[1], kernel.unit[3]) * inverse
                 - polynomial(simd, &kernel.expected[1], t);
             let lean = slope * kernel.lean;
             mirrored.of(simd, z).store_slice(&mut out.slope[from..from + CHUNK]);
@@ -326,10 +337,26 @@ impl Bank {
     }
 }
 
-/// The grey values of the first lines of a chunk.
+/// A pair of numbers, the first of them in the lower half of this one, in all lanes.
 #[inline(always)]
-fn floats<S: Simd, P: Pixel>(simd: S, pixels: &[P]) -> f32x16<S> {
-    P::floats(simd, &pixels.as_chunks().0[0])
+fn both<S: Simd>(simd: S, pair: i32) -> i16x32<S> {
+    i32x16::splat(simd, pair).bitcast()
+}
+
+/// Both pixels of a pair by their factors, added, line by line.
+#[inline(always)]
+fn dot<S: Simd>(simd: S, pixels: &Pair, factors: i32) -> i32x16<S> {
+    i16x32::load_array_ref(simd, pixels).pairwise_dot_product(both(simd, factors))
+}
+
+/// Adds what a pair of pixels has of two filters, odd parts and even.
+#[inline(always)]
+fn add<S: Simd>(simd: S, sums: &mut [[i32x16<S>; 2]; 2], pixels: &Pair, taps: &[[i32; 2]; 2]) {
+    for (sums, taps) in sums.iter_mut().zip(taps) {
+        for (sum, tap) in sums.iter_mut().zip(taps) {
+            *sum += dot(simd, pixels, *tap);
+        }
+    }
 }
 
 /// One number in all lanes.
@@ -365,7 +392,14 @@ fn variance<S: Simd>(powers: [f32x16<S>; 3], gains: &[f32; 3]) -> f32x16<S> {
 struct Mirrored<S: Simd>(mask32x16<S>);
 
 impl<S: Simd> Mirrored<S> {
-    /// The odd part with the sign that belongs to it.
+    /// A filter's output from its odd part and its even.
+    #[inline(always)]
+    fn sum(self, simd: S, [odd, even]: [i32x16<S>; 2], unit: f32) -> f32x16<S> {
+        let odd = self.0.select(i32x16::splat(simd, 0) - odd, odd);
+        (odd + even).to_float::<f32x16<S>>() * unit
+    }
+
+    /// A value with the sign that belongs to it.
     #[inline(always)]
     fn of(self, simd: S, v: f32x16<S>) -> f32x16<S> {
         self.0.select(splat(simd, 0.0) - v, v)
@@ -406,7 +440,7 @@ impl Kernel {
         let plain =
             normal.fixed_view::<PLAIN, PLAIN>(0, 0).into_owned().try_inverse().unwrap_or_else(SMatrix::zeros);
         let full = normal.try_inverse().unwrap_or_else(SMatrix::zeros);
-        let filters: Vec<[f64; 4]> = shapes
+        let mut filters: Vec<[f64; 4]> = shapes
             .iter()
             .map(|r| {
                 let few = plain * r.fixed_rows::<PLAIN>(0) * weight(r);
@@ -414,6 +448,8 @@ impl Kernel {
                 [few[1], few[0], all[3], all[4]]
             })
             .collect();
+        // All that follows is of the filters as they are in whole numbers.
+        let whole: [Whole; 4] = std::array::from_fn(|which| Whole::of(&mut filters, which));
         let noise = |which: usize| {
             let mut sums = [0.0f32; 3];
             for (f, r) in filters.iter().zip(&shapes) {
@@ -423,21 +459,14 @@ impl Kernel {
             }
             sums
         };
-        let odd =
-            |k: usize, which: usize| (0.5 * (filters[half + k][which] - filters[half - k][which])) as f32;
-        let even =
-            |k: usize, which: usize| (0.5 * (filters[half + k][which] + filters[half - k][which])) as f32;
-        let parts = |a: usize, b: usize| {
-            (1..=half).map(|k| [odd(k, a), even(k, a), odd(k, b), even(k, b)]).collect::<Vec<_>>()
-        };
         let (shift, expected, range) = inversion(width, half, &filters);
         let lacking = lacking(width, half, &filters, (&shift, &expected[1]));
         let rate = std::array::from_fn(|k| if k < DEGREE { shift[k + 1] * (k + 1) as f32 } else { 0.0 });
         Self {
-            taps: parts(0, 1),
-            middle: [filters[half][0] as f32, filters[half][1] as f32],
-            extra: parts(2, 3),
-            extra_middle: [filters[half][2] as f32, filters[half][3] as f32],
+            taps: (0..=half).map(|j| [whole[0].taps[j], whole[1].taps[j]]).collect(),
+            extra: (0..=half).map(|j| [whole[2].taps[j], whole[3].taps[j]]).collect(),
+            unit: whole.each_ref().map(|w| w.unit),
+            peak: filters[half][1] as f32,
             extra_noise: [noise(2), noise(3)],
             lean: filters.iter().zip(&shapes).map(|(f, r)| f[0] * r[3]).sum::<f64>() as f32,
             shift,
@@ -447,6 +476,43 @@ impl Kernel {
             noise: noise(0),
             lacking,
         }
+    }
+}
+
+/// A filter in whole numbers.
+struct Whole {
+    /// For each pair of pixels, odd and even.
+    taps: Vec<[i32; 2]>,
+    unit: f32,
+}
+
+impl Whole {
+    /// Rounds a filter of a window, and puts it back as it is then. What a constant background would add stays nothing.
+    fn of(filters: &mut [[f64; 4]], which: usize) -> Self {
+        /// Sum of taps by which pixels of 16 bits with a sign make no more than 32 bits, less what rounding adds to a thousand of them.
+        const LARGEST_SUM: f64 = 64_000.0;
+        const LARGEST: f64 = 32_000.0;
+        let last = filters.len() - 1;
+        let part = |k: usize, sign: f64| 0.5 * (filters[k][which] + sign * filters[last - k][which]);
+        let size = |k: usize| part(k, -1.0).abs() + part(k, 1.0).abs();
+        let (sum, most) =
+            (0..=last).map(size).fold((0.0f64, 0.0f64), |(sum, most), size| (sum + size, most.max(size)));
+        let unit = (sum / LARGEST_SUM).max(most / LARGEST);
+        let whole = |k: usize, sign: f64| if unit > 0.0 { (part(k, sign) / unit).round() as i32 } else { 0 };
+        let mut both: Vec<[i32; 2]> = (0..=last).map(|k| [whole(k, -1.0), whole(k, 1.0)]).collect();
+        both[last / 2][1] -= both.iter().map(|[_, even]| even).sum::<i32>();
+        for (filter, [odd, even]) in filters.iter_mut().zip(&both) {
+            filter[which] = f64::from(odd + even) * unit;
+        }
+        let taps = both
+            .chunks(2)
+            .map(|pair| {
+                let second = pair.get(1).copied().unwrap_or_default();
+                // The lower half as it is without a sign.
+                std::array::from_fn(|part| (pair[0][part] & 0xffff) | (second[part] << 16))
+            })
+            .collect();
+        Self { taps, unit: unit as f32 }
     }
 }
 

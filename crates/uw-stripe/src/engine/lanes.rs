@@ -3,8 +3,8 @@
 
 use super::{AllBuffers, Buffers};
 use fearless_simd::{
-    Bytes, Simd, SimdBase, SimdCombine, SimdInt, SimdIntElement, SimdWiden, f32x16, i32x16, u8x16, u8x32,
-    u8x64, u16x16, u16x32, u32x16,
+    Bytes, Simd, SimdBase, SimdCombine, SimdInt, SimdIntElement, SimdWiden, f32x16, i16x32, i32x16, u8x16,
+    u8x32, u8x64, u16x16, u16x32, u32x16,
 };
 
 /// Largest [`Lanes::N`].
@@ -29,6 +29,10 @@ pub trait Lanes: SimdIntElement + Default + Ord + Send + Sync + std::ops::Sub<Ou
     type Keys<S: Simd>: SimdBase<S, Element = Self::Wide> + SimdInt<S>;
     /// A lane of it.
     type Wide: SimdIntElement + Copy + Default + Ord + Into<u32>;
+    /// Bytes a pixel.
+    const SIZE: usize = size_of::<Self>();
+    /// What is taken from grey values so that 16 bits hold them with a sign, DN.
+    const BIAS: f32;
     /// The smallest grey value.
     const ZERO: Self;
     /// The largest grey value.
@@ -50,8 +54,13 @@ pub trait Lanes: SimdIntElement + Default + Ord + Send + Sync + std::ops::Sub<Ou
     fn larger<S: Simd>(simd: S, first: Self::Keys<S>, second: Self::Keys<S>) -> Self::Keys<S>;
     /// The places that the largest keys of each four bytes tell.
     fn places<S: Simd>(simd: S, keys: Self::Keys<S>) -> u32x16<S>;
-    /// The vectors of a square matrix of so many rows and pixels, of two bytes a pixel at most; the first ones where they are fewer.
-    fn square<S: Simd>(simd: S, rows: &[&[Self; CHUNK]; CHUNK]) -> [Self::V<S>; SQUARE];
+    /// The vectors of a square matrix of so many rows and pixels, of two bytes a pixel at most; the first ones where they are fewer. Pixels that follow
+    /// each other by four bytes stay together when rows become columns.
+    fn square<S: Simd>(simd: S, rows: &[&[Self; CHUNK]; CHUNK]) -> [u32x16<S>; SQUARE];
+    /// Pairs of pixels of as many lines as [`CHUNK`], each less than [`Self::BIAS`], from what follows by four bytes; of two bytes a pixel the first only.
+    fn pairs<S: Simd>(simd: S, units: u32x16<S>) -> [i16x32<S>; 2];
+    /// The same from a pixel of each line and another.
+    fn pair<S: Simd>(simd: S, first: &[Self; CHUNK], second: &[Self; CHUNK]) -> i16x32<S>;
     /// As many grey values as numbers to measure with.
     fn floats<S: Simd>(simd: S, values: &[Self; CHUNK]) -> f32x16<S>;
     /// The buffers of this type.
@@ -98,11 +107,27 @@ const fn wide_numbers(period: usize) -> [[u32; 16]; 2] {
     numbers
 }
 
+/// Bytes as numbers.
+#[inline(always)]
+fn widened_bytes<S: Simd>(simd: S, values: &[u8; CHUNK]) -> u32x16<S> {
+    let (low, high) = u8x16::load_array_ref(simd, values).widen();
+    let (low, high) = low.combine(high).widen();
+    low.combine(high)
+}
+
+/// Words as numbers.
+#[inline(always)]
+fn widened_words<S: Simd>(simd: S, values: &[u16; CHUNK]) -> u32x16<S> {
+    let (low, high) = u16x16::load_array_ref(simd, values).widen();
+    low.combine(high)
+}
+
 impl Lanes for u8 {
     const N: usize = 64;
     type V<S: Simd> = u8x64<S>;
     type Keys<S: Simd> = u16x32<S>;
     type Wide = u16;
+    const BIAS: f32 = 0.0;
     const ZERO: Self = 0;
     const MAX: Self = Self::MAX;
     fn from_dn(dn: f32) -> Self {
@@ -122,7 +147,8 @@ impl Lanes for u8 {
     fn numbers<S: Simd>(simd: S, from: u8, period: usize) -> [u16x32<S>; 2] {
         const NUMBERS: [[[u16; 32]; 2]; 2] = [numbers(32), numbers(64)];
         let from = u16x32::splat(simd, u16::from(from));
-        NUMBERS[usize::from(period == Self::N)].each_ref().map(|n| u16x32::load_array_ref(simd, n) - from)
+        let [even, odd] = &NUMBERS[usize::from(period == Self::N)];
+        [u16x32::load_array_ref(simd, even) - from, u16x32::load_array_ref(simd, odd) - from]
     }
     #[inline(always)]
     fn keys<S: Simd>(simd: S, values: u8x64<S>, [even, odd]: [u16x32<S>; 2]) -> u16x32<S> {
@@ -145,19 +171,31 @@ impl Lanes for u8 {
             - (upper.max(pairs & u32x16::splat(simd, 0xffff)) & u32x16::splat(simd, NUMBERED as u32 - 1))
     }
     #[inline(always)]
-    fn square<S: Simd>(simd: S, rows: &[&[u8; CHUNK]; CHUNK]) -> [u8x64<S>; SQUARE] {
-        let mut vectors = [u8x64::splat(simd, 0); SQUARE];
+    fn square<S: Simd>(simd: S, rows: &[&[u8; CHUNK]; CHUNK]) -> [u32x16<S>; SQUARE] {
+        // Those that will be a pair lie apart, so that to mask the others is all it takes.
+        const APART: [u8; 16] = [0, 2, 1, 3, 4, 6, 5, 7, 8, 10, 9, 11, 12, 14, 13, 15];
+        let apart = u8x16::load_array_ref(simd, &APART);
+        let apart = apart.combine(apart);
+        let apart = apart.combine(apart);
+        let mut vectors = [u32x16::splat(simd, 0); SQUARE];
         for (vector, rows) in vectors.iter_mut().zip(rows.as_chunks::<4>().0) {
             let [a, b, c, d] = rows.map(|row| u8x16::load_array_ref(simd, row));
-            *vector = a.combine(b).combine(c.combine(d));
+            *vector = a.combine(b).combine(c.combine(d)).swizzle_dyn_within_blocks(apart).bitcast();
         }
         vectors
     }
     #[inline(always)]
+    fn pairs<S: Simd>(simd: S, units: u32x16<S>) -> [i16x32<S>; 2] {
+        let byte = u32x16::splat(simd, 0x00ff_00ff);
+        [(units & byte).bitcast(), ((units >> 8) & byte).bitcast()]
+    }
+    #[inline(always)]
+    fn pair<S: Simd>(simd: S, first: &[u8; CHUNK], second: &[u8; CHUNK]) -> i16x32<S> {
+        (widened_bytes(simd, first) | (widened_bytes(simd, second) << 16)).bitcast()
+    }
+    #[inline(always)]
     fn floats<S: Simd>(simd: S, values: &[Self; CHUNK]) -> f32x16<S> {
-        let (low, high) = u8x16::load_array_ref(simd, values).widen();
-        let (low, high) = low.combine(high).widen();
-        let wide: i32x16<S> = low.combine(high).bitcast();
+        let wide: i32x16<S> = widened_bytes(simd, values).bitcast();
         wide.to_float()
     }
     fn buffers(all: &mut AllBuffers) -> &mut Buffers<Self> {
@@ -170,6 +208,7 @@ impl Lanes for u16 {
     type V<S: Simd> = u16x32<S>;
     type Keys<S: Simd> = u32x16<S>;
     type Wide = u32;
+    const BIAS: f32 = 32768.0;
     const ZERO: Self = 0;
     const MAX: Self = Self::MAX;
     fn from_dn(dn: f32) -> Self {
@@ -189,7 +228,8 @@ impl Lanes for u16 {
     fn numbers<S: Simd>(simd: S, from: u8, period: usize) -> [u32x16<S>; 2] {
         const NUMBERS: [[[u32; 16]; 2]; 2] = [wide_numbers(16), wide_numbers(32)];
         let from = u32x16::splat(simd, u32::from(from));
-        NUMBERS[usize::from(period == Self::N)].each_ref().map(|n| u32x16::load_array_ref(simd, n) - from)
+        let [even, odd] = &NUMBERS[usize::from(period == Self::N)];
+        [u32x16::load_array_ref(simd, even) - from, u32x16::load_array_ref(simd, odd) - from]
     }
     #[inline(always)]
     fn keys<S: Simd>(simd: S, values: u16x32<S>, [even, odd]: [u32x16<S>; 2]) -> u32x16<S> {
@@ -207,17 +247,25 @@ impl Lanes for u16 {
         u32x16::splat(simd, NUMBERED as u32 - 1) - (keys & u32x16::splat(simd, NUMBERED as u32 - 1))
     }
     #[inline(always)]
-    fn square<S: Simd>(simd: S, rows: &[&[u16; CHUNK]; CHUNK]) -> [u16x32<S>; SQUARE] {
-        let mut vectors = [u16x32::splat(simd, 0); SQUARE];
+    fn square<S: Simd>(simd: S, rows: &[&[u16; CHUNK]; CHUNK]) -> [u32x16<S>; SQUARE] {
+        let mut vectors = [u32x16::splat(simd, 0); SQUARE];
         for (vector, [a, b]) in vectors.iter_mut().zip(rows.as_chunks::<2>().0) {
-            *vector = u16x16::load_array_ref(simd, a).combine(u16x16::load_array_ref(simd, b));
+            *vector = u16x16::load_array_ref(simd, a).combine(u16x16::load_array_ref(simd, b)).bitcast();
         }
         vectors
     }
     #[inline(always)]
+    fn pairs<S: Simd>(simd: S, units: u32x16<S>) -> [i16x32<S>; 2] {
+        let pair: i16x32<S> = (units ^ u32x16::splat(simd, 0x8000_8000)).bitcast();
+        [pair; 2]
+    }
+    #[inline(always)]
+    fn pair<S: Simd>(simd: S, first: &[u16; CHUNK], second: &[u16; CHUNK]) -> i16x32<S> {
+        Self::pairs(simd, widened_words(simd, first) | (widened_words(simd, second) << 16))[0]
+    }
+    #[inline(always)]
     fn floats<S: Simd>(simd: S, values: &[Self; CHUNK]) -> f32x16<S> {
-        let (low, high) = u16x16::load_array_ref(simd, values).widen();
-        let wide: i32x16<S> = low.combine(high).bitcast();
+        let wide: i32x16<S> = widened_words(simd, values).bitcast();
         wide.to_float()
     }
     fn buffers(all: &mut AllBuffers) -> &mut Buffers<Self> {

@@ -123,10 +123,10 @@ fn part<S: Simd, P: Pixel, const COUNT: usize, const TIMES: usize>(
             raise(simd, &mut d, &row[3 * size..]);
         }
     }
-    let apart = strip.layout.apart;
-    for (k, best) in [a, b, c, d][..TIMES].iter().enumerate() {
-        for (i, best) in best.iter().enumerate() {
-            best.store_slice(&mut map[(k * COUNT + i) * apart..][..P::N]);
+    let mut places = map.chunks_mut(strip.layout.apart);
+    for best in &[a, b, c, d][..TIMES] {
+        for (best, map) in best.iter().zip(&mut places) {
+            best.store_slice(&mut map[..P::N]);
         }
     }
 }

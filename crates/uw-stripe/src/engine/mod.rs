@@ -4,7 +4,7 @@
 //! |---|---|
 //! | block maxima, at the speed of a read | `maxima` |
 //! | candidates: what stands out of them | `front`, `rows`, `columns` |
-//! | windows around them, one register an offset of many lines | `window` |
+//! | windows around them, one register two offsets of many lines | `window` |
 //! | shift, height, background, sigma: matched filters | `fir` |
 //! | centre of gravity, Blais and Rioux: for comparison | `classic` |
 //! | estimates to results, with verdicts | `measure` |

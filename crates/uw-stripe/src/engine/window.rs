@@ -1,6 +1,6 @@
-//! The grey values around the peaks of a group of lines, aligned at the peaks, so that one register holds one offset of many lines.
+//! The grey values around the peaks of a group of lines, aligned at the peaks, so that one register holds two neighbouring offsets of many lines.
 
-use fearless_simd::{Select, Simd, SimdBase};
+use fearless_simd::{Bytes, Select, Simd, SimdBase, SimdInt, f32x16, i16x32, i32x16, u32x16};
 
 use super::aligned::Aligned;
 use super::front::NOWHERE;
@@ -14,13 +14,18 @@ const SPREAD: u32 = 63;
 /// Pixels of a row that are turned at a time.
 const TURNED: usize = 16;
 
+/// Two neighbouring pixels of a chunk of lines, line after line.
+pub(super) type Pair = [i16; 2 * CHUNK];
+
 /// Windows of a group.
 #[derive(Debug, Default)]
 pub(crate) struct Windows<P> {
+    /// Pixels of columns, offset by offset.
     raw: Aligned<P>,
-    /// Elements from a chunk of lines to the next, and from an offset to the next.
+    /// Pairs of pixels, less their [`Lanes::BIAS`](super::lanes::Lanes::BIAS), chunk of lines after chunk.
+    pairs: Aligned<i16>,
+    /// Pairs a chunk.
     chunk: usize,
-    offset: usize,
     /// See [`Self::values`].
     value: Vec<f32>,
 }
@@ -47,62 +52,65 @@ impl<P: Pixel> Windows<P> {
         group: Group<'_>,
     ) {
         let taps = 2 * group.half + 1;
-        // Room for what is turned at a time, and for what is shifted into place.
-        let room = (taps + SPREAD as usize).next_multiple_of(TURNED) * GROUP;
-        if self.raw.len() != room {
-            self.raw.resize(room);
+        self.chunk = taps.next_multiple_of(TURNED) / 2;
+        self.pairs.resize(self.chunk * 2 * GROUP);
+        if axis == Axis::PerRow {
+            for (first, at) in (group.first..).step_by(CHUNK).zip(group.at.chunks(CHUNK)) {
+                let chunk = (first - group.first) / CHUNK;
+                self.rows(simd, image, roi, (Group { first, at, ..group }, chunk));
+            }
+            return;
         }
-        (self.chunk, self.offset) = match axis {
-            Axis::PerRow => (taps.next_multiple_of(TURNED) * CHUNK, CHUNK),
-            Axis::PerColumn => (CHUNK, GROUP),
-        };
-        match axis {
-            Axis::PerRow => {
-                for (first, at) in (group.first..).step_by(CHUNK).zip(group.at.chunks(CHUNK)) {
-                    let chunk = (first - group.first) / CHUNK;
-                    self.rows(simd, image, roi, (Group { first, at, ..group }, chunk));
-                }
+        // Room for what is shifted into place, and for what makes a pair of the last pixel.
+        self.raw.resize((taps + 1 + SPREAD as usize) * GROUP);
+        if group.at.len() < GROUP {
+            self.columns_one_by_one(image, roi, group, 0..group.at.len());
+        } else {
+            for lane in (0..GROUP).step_by(P::N) {
+                self.columns(simd, image, roi, group, lane);
             }
-            Axis::PerColumn if group.at.len() < GROUP => {
-                self.columns_one_by_one(image, roi, group, 0..group.at.len());
-            }
-            Axis::PerColumn => {
-                for lane in (0..GROUP).step_by(P::N) {
-                    self.columns(simd, image, roi, group, lane);
-                }
+        }
+        let rows = self.raw.as_chunks::<CHUNK>().0.as_chunks::<{ GROUP / CHUNK }>().0;
+        let pairs = self.pairs.as_chunks_mut().0;
+        for (j, [first, second]) in rows.as_chunks().0[..=group.half].iter().enumerate() {
+            for (chunk, (first, second)) in first.iter().zip(second).enumerate() {
+                let out: &mut Pair = &mut pairs[chunk * self.chunk + j];
+                P::pair(simd, first, second).store_array(out);
             }
         }
     }
 
-    /// The grey values of a chunk of lines, and how far apart they are at successive offsets: those of 16 lines follow each other.
+    /// The windows of a chunk of lines.
     #[inline(always)]
-    pub fn chunk(&self, chunk: usize) -> (&[P], usize) {
-        (&self.raw[chunk * self.chunk..], self.offset)
+    pub fn chunk(&self, chunk: usize) -> &[Pair] {
+        &self.pairs.as_chunks().0[chunk * self.chunk..][..self.chunk]
     }
 
     /// Grey values in DN of all lines, [`GROUP`] at each offset.
     #[inline(always)]
     pub fn values<S: Simd>(&mut self, simd: S, half: usize) -> &[f32] {
-        self.value.resize((2 * half + 1) * GROUP, 0.0);
-        for (k, out) in self.value.as_chunks_mut::<GROUP>().0.iter_mut().enumerate() {
-            for (chunk, out) in out.as_chunks_mut::<CHUNK>().0.iter_mut().enumerate() {
-                let values = &self.raw[chunk * self.chunk + k * self.offset..].as_chunks().0[0];
-                P::floats(simd, values).store_slice(out);
+        self.value.resize((2 * half + 2) * GROUP, 0.0);
+        let pairs: &[Pair] = self.pairs.as_chunks().0;
+        let out = self.value.as_chunks_mut::<CHUNK>().0.as_chunks_mut::<{ GROUP / CHUNK }>().0;
+        for (j, [first, second]) in out.as_chunks_mut().0.iter_mut().enumerate() {
+            for (chunk, (first, second)) in first.iter_mut().zip(second).enumerate() {
+                let values = split(i16x32::load_array_ref(simd, &pairs[chunk * self.chunk + j]));
+                for (values, out) in values.into_iter().zip([first, second]) {
+                    (values.to_float::<f32x16<S>>() + f32x16::splat(simd, P::BIAS)).store_array(out);
+                }
             }
         }
-        &self.value
+        &self.value[..(2 * half + 1) * GROUP]
     }
 
-    /// Turns the windows of a chunk of rows, some pixels of all of them at a time: to interleave the first half of a matrix with its second
-    /// moves the highest bit of every element's index to the lowest place, and once for every bit of the row's number makes columns of rows.
+    /// Turns the windows of a chunk of rows, some pixels of all of them at a time.
     #[inline(always)]
     fn rows<S: Simd>(&mut self, simd: S, image: &View<'_, P>, roi: Roi, (group, chunk): (Group<'_>, usize)) {
-        const SIZE: usize = TURNED * CHUNK;
-        let raw = self.raw[chunk * self.chunk..][..self.chunk].as_chunks_mut::<SIZE>().0;
+        let pairs = &mut self.pairs.as_chunks_mut().0[chunk * self.chunk..][..self.chunk];
         let (pixels, stride) = image.starting_at(roi.x, roi.y + group.first);
-        for (out, from) in raw.iter_mut().zip((0..).step_by(TURNED)) {
+        for (out, from) in pairs.as_chunks_mut().0.iter_mut().zip((0..).step_by(TURNED)) {
             if let Some(rows) = whole_rows((pixels, stride), roi.width, group, from) {
-                turn(simd, P::square(simd, &rows), out);
+                turn::<S, P>(simd, P::square(simd, &rows), out);
                 continue;
             }
             let mut here = [[P::ZERO; TURNED]; CHUNK];
@@ -113,7 +121,7 @@ impl<P: Pixel> Windows<P> {
                     *out = row[(at + k).saturating_sub(group.half).min(row.len() - 1)];
                 }
             }
-            turn(simd, P::square(simd, &here.each_ref()), out);
+            turn::<S, P>(simd, P::square(simd, &here.each_ref()), out);
         }
     }
 
@@ -214,18 +222,28 @@ fn whole_rows<'a, P: Pixel>(
     Some(rows)
 }
 
-/// A square matrix turned, by rows.
+/// A square matrix turned, in pairs of pixels: what is sorted by even and odd places moves the lowest bit of every element's index to the highest
+/// place, and once for every bit of a place in a row makes columns of rows.
 #[inline(always)]
-fn turn<S: Simd, P: Pixel>(simd: S, mut vectors: [P::V<S>; SQUARE], to: &mut [P; TURNED * CHUNK]) {
-    let count = TURNED * CHUNK / P::N;
-    for _ in 0..CHUNK.ilog2() {
-        let mut next = [splat(simd, P::ZERO); SQUARE];
+fn turn<S: Simd, P: Pixel>(simd: S, mut units: [u32x16<S>; SQUARE], to: &mut [Pair; TURNED / 2]) {
+    let count = TURNED * P::SIZE / 4;
+    for _ in 0..count.ilog2() {
+        let mut next = [u32x16::splat(simd, 0); SQUARE];
         for i in 0..count / 2 {
-            (next[2 * i], next[2 * i + 1]) = vectors[i].interleave(vectors[i + count / 2]);
+            (next[i], next[i + count / 2]) = units[2 * i].deinterleave(units[2 * i + 1]);
         }
-        vectors = next;
+        units = next;
     }
-    for (vector, part) in vectors.iter().zip(to.chunks_exact_mut(P::N)) {
-        vector.store_slice(part);
+    for (unit, to) in units.into_iter().zip(to.chunks_exact_mut(TURNED / 2 / count)) {
+        for (pair, to) in P::pairs(simd, unit).into_iter().zip(to) {
+            pair.store_array(to);
+        }
     }
+}
+
+/// The first pixels of pairs, and the second.
+#[inline(always)]
+pub(super) fn split<S: Simd>(pairs: i16x32<S>) -> [i32x16<S>; 2] {
+    let pairs: i32x16<S> = pairs.bitcast();
+    [(pairs << 16) >> 16, pairs >> 16]
 }
