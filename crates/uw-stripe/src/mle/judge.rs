@@ -40,13 +40,15 @@ fn judge_here<S: Simd, const N: usize>(
     let group = group(simd, ended.map(|e| &e.way), pixels, noise);
     let at: [V<S>; N] = std::array::from_fn(|k| gather(simd, |lane| ended[lane].way.at[k]));
     let sizes = gather(simd, |lane| ended[lane].way.size as f64);
-    let information = Symmetric(std::array::from_fn(|r| {
-        std::array::from_fn(|c| {
-            let all = gather(simd, |lane| ended[lane].solution.information.0[r.max(c)][r.min(c)]);
+    // In loops: closures may be left outside the processor's features.
+    let mut information = Symmetric([[none; N]; N]);
+    for r in 0..N {
+        for c in 0..=r {
+            let all = gather(simd, |lane| ended[lane].solution.information.0[r][c]);
             let other = if r == c { one } else { none };
-            sizes.simd_gt(r.max(c) as f64).select(all, other)
-        })
-    }));
+            information.0[r][c] = sizes.simd_gt(r as f64).select(all, other);
+        }
+    }
     let factor = information.factor(0.0);
     // What the parameters took of each pixel's freedom is asked for, or clipped pixels gave them some; else the sum will do: the
     // trace of C (C⁻¹ − prior).
@@ -123,7 +125,8 @@ fn judge_here<S: Simd, const N: usize>(
     group.polynomials(at[CENTRE], N - 1 - LEVEL, &mut polynomials);
     let background = Row::from(Group::<S>::background(&at, &polynomials));
     let (chi2, width) = (Row::from(chi2), Row::from(exp(simd, at[LN_WIDTH])));
-    let [sigma, sigma_flux] = [CENTRE, FLUX].map(|k| Row::from(factor.variance(k).sqrt()));
+    let sigma = Row::from(factor.variance(CENTRE).sqrt());
+    let sigma_flux = Row::from(factor.variance(FLUX).sqrt());
     std::array::from_fn(|lane| Fit {
         centre: ended[lane].way.at[CENTRE],
         sigma: sigma.0[lane],

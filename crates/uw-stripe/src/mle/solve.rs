@@ -219,7 +219,11 @@ fn finish<S: Simd>(
     let factor = information.factor(0.0);
     let sound = !factor.soundness().is_nan().to_bitmask();
     factor.solve(&mut step);
-    let at: [Row; MOST] = std::array::from_fn(|k| Row::from(at[k] + step[k]));
+    let mut at = *at;
+    for (at, step) in at.iter_mut().zip(step) {
+        *at += step;
+    }
+    let at = at.map(Row::from);
     let information = information.0.map(|row| row.map(Row::from));
     for (lane, way) in ways.iter_mut().enumerate() {
         let Some(way) = way.take().filter(|_| sound >> lane & 1 == 1) else { continue };

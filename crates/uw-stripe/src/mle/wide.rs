@@ -52,14 +52,19 @@ pub(super) fn exp<S: Simd>(simd: S, x: V<S>) -> V<S> {
     let n = rounded - ROUNDER;
     let r = x - n * LN_2[0] - n * LN_2[1];
     // In pairs, of which few wait for each other.
-    let pair = |low: f64, high: f64| r * high + low;
     let r2 = r * r;
     let r4 = r2 * r2;
-    let low = pair(1.0, 1.0) + pair(0.5, 1.0 / 6.0) * r2;
-    let middle = pair(1.0 / 24.0, 1.0 / 120.0) + pair(1.0 / 720.0, 1.0 / 5040.0) * r2;
-    let sum = low + (middle + pair(1.0 / 40_320.0, 1.0 / 362_880.0) * r4) * r4;
+    let low = pair(r, 1.0, 1.0) + pair(r, 0.5, 1.0 / 6.0) * r2;
+    let middle = pair(r, 1.0 / 24.0, 1.0 / 120.0) + pair(r, 1.0 / 720.0, 1.0 / 5040.0) * r2;
+    let sum = low + (middle + pair(r, 1.0 / 40_320.0, 1.0 / 362_880.0) * r4) * r4;
     let power = (rounded.to_bits() << 52) + u64x8::splat(simd, 1.0f64.to_bits());
     x.simd_lt(LOWEST).select(V::splat(simd, 0.0), sum * V::from_bits(power))
+}
+
+/// The line of r through `low` at 0 that rises by `high`.
+#[inline(always)]
+fn pair<S: Simd>(r: V<S>, low: f64, high: f64) -> V<S> {
+    r * high + low
 }
 
 /// [`normal`](crate::special::normal) of each.
