@@ -27,13 +27,22 @@ impl<P: Pixel> Front<P> {
         for block in 0..blocks.count {
             maxima(level, image, &roi, blocks.range(block), layout, &mut self.map[block * P::N..]);
         }
+        let mut least = None;
         for strip in 0..strips {
-            dispatch!(level, simd => self.strip(simd, image, blocks, wanted, strip));
+            dispatch!(level, simd => self.strip(simd, image, blocks, (wanted, &mut least), strip));
         }
     }
 
+    /// Candidates of a vector of columns. `least`: height of a second candidate, once it had to be known.
     #[inline(always)]
-    fn strip<S: Simd>(&mut self, simd: S, image: &View<'_, P>, blocks: Blocks, wanted: Wanted, strip: usize) {
+    fn strip<S: Simd>(
+        &mut self,
+        simd: S,
+        image: &View<'_, P>,
+        blocks: Blocks,
+        (wanted, least): (Wanted, &mut Option<P>),
+        strip: usize,
+    ) {
         let reach = reach(wanted, blocks);
         let map = &self.map[strip * blocks.count * P::N..(strip + 1) * blocks.count * P::N];
         let Some(noise) = wanted.second else {
@@ -49,7 +58,7 @@ impl<P: Pixel> Front<P> {
         let one = splat(simd, P::from_index(1));
         let above = strongest.saturating_sub(look.first).simd_gt(one);
         if above.any_true() || look.last.saturating_sub(strongest).simd_gt(one).any_true() {
-            let least = P::from_dn(least_second(&noise, &self.map));
+            let least = *least.get_or_insert_with(|| P::from_dn(least_second(&noise, &self.map)));
             let map = &self.map[strip * blocks.count * P::N..(strip + 1) * blocks.count * P::N];
             let mut look = BestApart { simd, best: Best::<S, P>::new(simd, least), strongest };
             contrasts(simd, map, reach, &mut look);

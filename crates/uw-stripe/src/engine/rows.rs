@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use fearless_simd::{Level, Simd, SimdBase, SimdInt, SimdMask, dispatch};
 
-use super::front::{Front, Wanted, brightest, least_second, least_second_in_the_dark, position};
+use super::front::{Front, Wanted, brightest, is_second, least_second_in_the_dark, position};
 use super::lanes::{MOST_LANES, NUMBERED, splat, vector};
 use super::maxima::{Layout, ROWS, maxima, maxima_of_few};
 use super::window::GROUP;
@@ -161,7 +161,7 @@ impl<P: Pixel> Front<P> {
             // The usual level is looked for only where it matters.
             let seen = spans[block].is_some()
                 && top > P::from_dn(least_second_in_the_dark(&noise))
-                && top > P::from_dn(least_second(&noise, &self.map[within]));
+                && is_second(simd, &noise, &self.map[within], top);
             spans[block] = if seen { self.span(simd, search, block, top) } else { None };
             any |= seen;
         }
