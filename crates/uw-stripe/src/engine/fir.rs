@@ -489,15 +489,17 @@ struct Whole {
 impl Whole {
     /// Rounds a filter of a window, and puts it back as it is then. What a constant background would add stays nothing.
     fn of(filters: &mut [[f64; 4]], which: usize) -> Self {
-        /// Sum of taps by which pixels of 16 bits with a sign make no more than 32 bits, less what rounding adds to a thousand of them.
-        const LARGEST_SUM: f64 = 64_000.0;
-        const LARGEST: f64 = 32_000.0;
+        /// Sum of taps by which pixels of 16 bits with a sign make no more than 32 bits.
+        const LARGEST_SUM: f64 = u16::MAX as f64;
+        const LARGEST: f64 = i16::MAX as f64;
+        // Rounding adds one to a tap's odd and even part at most, and half of that to the middle.
+        let added = 2.0 * filters.len() as f64;
         let last = filters.len() - 1;
         let part = |k: usize, sign: f64| 0.5 * (filters[k][which] + sign * filters[last - k][which]);
         let size = |k: usize| part(k, -1.0).abs() + part(k, 1.0).abs();
         let (sum, most) =
             (0..=last).map(size).fold((0.0f64, 0.0f64), |(sum, most), size| (sum + size, most.max(size)));
-        let unit = (sum / LARGEST_SUM).max(most / LARGEST);
+        let unit = (sum / (LARGEST_SUM - added).max(1.0)).max(most / (LARGEST - added).max(1.0));
         let whole = |k: usize, sign: f64| if unit > 0.0 { (part(k, sign) / unit).round() as i32 } else { 0 };
         let mut both: Vec<[i32; 2]> = (0..=last).map(|k| [whole(k, -1.0), whole(k, 1.0)]).collect();
         both[last / 2][1] -= both.iter().map(|[_, even]| even).sum::<i32>();
@@ -566,4 +568,38 @@ fn inversion(width: f64, half: usize, filters: &[[f64; 4]]) -> (Polynomial, [Pol
     let solution = normal.cholesky().map_or_else(SMatrix::zeros, |c| c.solve(&right));
     let column = |c: usize| std::array::from_fn(|k| solution[(k, c)] as f32);
     (column(0), [column(1), column(2)], [low as f32, high as f32])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Neither a tap nor a sum of pixels by taps is more than its bits hold, and an even background is nothing.
+        #[test]
+        fn whole_numbers_fit_whatever_the_filter(
+            width in 0.3f64..120.0,
+            rho in prop_oneof![Just(0.0), 1e-3f64..1e5],
+            kappa in prop_oneof![Just(0.0), 1e-3f64..1e5],
+        ) {
+            let half = (REACH_WIDTHS * width + 0.5).ceil() as usize;
+            let kernel = Kernel::new(width, half, rho, kappa);
+            for taps in [&kernel.taps, &kernel.extra] {
+                prop_assert_eq!(taps.len(), half + 1);
+                for which in 0..2 {
+                    let parts = [0, 1].map(|part| {
+                        let both = |pair: &[[i32; 2]; 2]| [pair[which][part] as i16, (pair[which][part] >> 16) as i16];
+                        taps.iter().flat_map(both).map(i64::from).collect::<Vec<_>>()
+                    });
+                    let largest: i64 = parts.iter().flatten().map(|tap| tap.abs()).sum();
+                    prop_assert!(largest * i64::from(i16::MIN).abs() <= i64::from(i32::MAX), "{largest}");
+                    prop_assert!(parts.iter().all(|part| part.iter().sum::<i64>() == 0));
+                    prop_assert!(parts.iter().all(|part| part[2 * half + 1] == 0));
+                    let mirrored = |k: usize, sign: i64, part: &[i64]| part[k] == sign * part[2 * half - k];
+                    prop_assert!((0..=half).all(|k| mirrored(k, -1, &parts[0]) && mirrored(k, 1, &parts[1])));
+                }
+            }
+        }
+    }
 }

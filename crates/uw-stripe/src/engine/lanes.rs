@@ -28,7 +28,7 @@ pub trait Lanes: SimdIntElement + Default + Ord + Send + Sync + std::ops::Sub<Ou
     /// As wide a vector of lanes twice as wide, each with a grey value above a number: the largest tells where the largest value is.
     type Keys<S: Simd>: SimdBase<S, Element = Self::Wide> + SimdInt<S>;
     /// A lane of it.
-    type Wide: SimdIntElement + Copy + Default + Ord + Into<u32>;
+    type Wide: SimdIntElement + Copy + Default + Ord;
     /// Bytes a pixel.
     const SIZE: usize = size_of::<Self>();
     /// What is taken from grey values so that 16 bits hold them with a sign, DN.

@@ -338,3 +338,36 @@ fn halve<S: Simd, P: Pixel, const COUNT: usize>(simd: S, best: &mut [P::Keys<S>;
         best[r] = P::larger(simd, best[2 * r], best[2 * r + 1]);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::levels;
+    use super::*;
+
+    /// Of spans of all lengths, in rows apart by all that a span leaves.
+    fn are_the_first_largest<P: Pixel>(number: impl Fn(usize) -> P) {
+        let pixels: Vec<P> =
+            (0..NUMBERED * ROWS + 7).map(|i| number(i.wrapping_mul(2_654_435_761) >> 9)).collect();
+        for span in (P::N / 2..=P::N / 2).chain(P::N..=NUMBERED) {
+            for (rows, stride) in [(ROWS, span), (ROWS, NUMBERED), (1, span), (11, span + 3)] {
+                let want: Vec<u32> = pixels
+                    .chunks(stride)
+                    .take(rows)
+                    .map(|row| (0..span).rev().max_by_key(|i| row[*i]).expect("pixels") as u32)
+                    .collect();
+                for level in levels() {
+                    let found = dispatch!(level, simd => tops(simd, (&pixels, stride), span, rows));
+                    assert_eq!(found[..rows], want, "{level:?} {span} {rows} {stride}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn places_are_those_of_the_first_largest_pixels() {
+        are_the_first_largest(|i| (i % 251) as u8);
+        are_the_first_largest(|i| (i % 9) as u8);
+        are_the_first_largest(|i| i as u16);
+        are_the_first_largest(|i| (i % 9) as u16);
+    }
+}
