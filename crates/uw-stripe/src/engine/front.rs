@@ -97,6 +97,9 @@ pub(super) fn least_second<P: Pixel>(noise: &NoiseModel, map: &[P]) -> f32 {
 pub(super) fn is_second<S: Simd, P: Pixel>(simd: S, noise: &NoiseModel, map: &[P], height: P) -> bool {
     let variance = (f64::from(height.dn()) / SECOND_SIGMAS).powi(2);
     let level = (variance - noise.variance(0.0, 0.0)) * f64::from(noise.gain_e_per_dn);
+    if level > f64::from(P::MAX.dn()) {
+        return true;
+    }
     let level = P::from_dn(level.ceil() as f32);
     let vectors = map.chunks_exact(P::N);
     let mut below = vectors.remainder().iter().filter(|v| **v < level).count();
@@ -134,4 +137,28 @@ pub(super) fn position<S: Simd, P: Pixel>(simd: S, row: &[P], value: P) -> Optio
         }
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use fearless_simd::{Level, dispatch};
+
+    use super::super::lanes::Lanes;
+    use super::*;
+
+    #[test]
+    fn a_second_one_is_worth_measuring_from_its_least_height_on() {
+        for (gain_e_per_dn, read_noise_dn) in [(0.3, 0.0), (1.0, 2.0), (40.0, 1.0)] {
+            let noise =
+                NoiseModel { gain_e_per_dn, read_noise_dn, speckle_contrast: 0.0, full_scale_dn: 255.0 };
+            for usual in 0..=u8::MAX {
+                let least = u8::from_dn(least_second(&noise, &[usual; 101]));
+                for height in u8::from_dn(least_second_in_the_dark(&noise))..=u8::MAX {
+                    let seen =
+                        dispatch!(Level::new(), simd => is_second(simd, &noise, &[usual; 101], height));
+                    assert_eq!(seen, height > least, "{noise:?} {usual} {height}");
+                }
+            }
+        }
+    }
 }

@@ -57,7 +57,7 @@ pub trait Lanes: SimdIntElement + Default + Ord + Send + Sync + std::ops::Sub<Ou
     /// The vectors of a square matrix of so many rows and pixels, of two bytes a pixel at most; the first ones where they are fewer. Pixels that follow
     /// each other by four bytes stay together when rows become columns.
     fn square<S: Simd>(simd: S, rows: &[&[Self; CHUNK]; CHUNK]) -> [u32x16<S>; SQUARE];
-    /// Pairs of pixels of as many lines as [`CHUNK`], each less than [`Self::BIAS`], from what follows by four bytes; of two bytes a pixel the first only.
+    /// Pairs of pixels of as many lines as [`CHUNK`], from each of which [`Self::BIAS`] is taken, of what follows by four bytes; of two bytes a pixel the first only.
     fn pairs<S: Simd>(simd: S, units: u32x16<S>) -> [i16x32<S>; 2];
     /// The same from a pixel of each line and another.
     fn pair<S: Simd>(simd: S, first: &[Self; CHUNK], second: &[Self; CHUNK]) -> i16x32<S>;

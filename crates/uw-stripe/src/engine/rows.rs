@@ -192,12 +192,19 @@ impl<P: Pixel> Front<P> {
         let (width, start) = (search.roi.width, search.within(block).start);
         let peak = position(simd, &self.contrast[start..start + width], top)?;
         let (before, after) = run(simd, &self.contrast, start + peak, P::from_dn(0.25 * top.dn()));
-        let from = (peak - before.min(peak)).saturating_sub(MARGIN);
-        let to = (peak + after + MARGIN).min(width);
+        // The steeper the stripe, the further a line that is too dim to count may lie beyond.
+        let margin = MARGIN + (before + after) / 4;
+        let from = (peak - before.min(peak)).saturating_sub(margin);
+        let to = (peak + after + margin).min(width);
         let near = start + from.saturating_sub(search.reach)..start + (to + search.reach).min(width);
-        // At least half a vector or a whole one, where there is as much.
-        let size = if to - from <= P::N / 2 { P::N / 2 } else { (to - from).max(P::N) }.min(width);
-        let from = from.min(width - size);
+        // At least half a vector or a whole one, as much on one side as on the other: lines much dimmer than the others may lie beyond. Short
+        // lines are looked at whole.
+        let size = match to - from {
+            _ if width < P::N => width,
+            few if few <= P::N / 2 => P::N / 2,
+            many => many.max(P::N).min(width),
+        };
+        let from = from.saturating_sub((size - (to - from).min(size)) / 2).min(width - size);
         Some(Span { from, to: from + size, near })
     }
 

@@ -282,6 +282,76 @@ fn black_white_and_single_pixels_are_no_stripe() {
     }
 }
 
+#[test]
+fn what_was_there_before_does_not_matter() {
+    for axis in AXES {
+        for lines in [1, 5, 17, 40, 63] {
+            let scene = |lines: usize, height: f64| {
+                let size = if axis == Axis::PerRow { (120, lines) } else { (lines, 120) };
+                Scene { size, axis, height, centre: 60.0, slope: 0.05, ..SCENE }
+            };
+            let mut engine = Engine::new(Level::new(), model(2.0));
+            let (mut stripe, mut buffers) = (Stripe::empty(), Buffers::default());
+            let all = [scene(lines, 120.0), scene(64, 200.0), scene(lines, 120.0)].map(|scene| {
+                let (image, (width, height)) = (scene.image(), scene.size);
+                let view = View::packed(&image, width, height).expect("sized");
+                engine.extract(whole(view, axis, Kind::Fast), None, &mut buffers, &mut stripe);
+                bits(&stripe)
+            });
+            assert_eq!(all[0], all[2], "{axis:?} {lines}");
+        }
+    }
+}
+
+/// A stripe that goes to and fro at a slope of 3, every line of another brightness, on lines shorter than a vector and longer.
+#[test]
+fn steep_stripes_of_uneven_light_are_found_and_followed() {
+    const LINES: usize = 300;
+    /// Share of the lines that are within 0.7 px.
+    const FOUND: f64 = 0.97;
+    for length in [31usize, 40, 50, 64, 200] {
+        let span = length as f64 - 9.0;
+        let centre = |line: usize| {
+            let along = (3.0 * line as f64).rem_euclid(2.0 * span);
+            4.0 + if along < span { along } else { 2.0 * span - along }
+        };
+        let mut random = StdRng::seed_from_u64(5);
+        let standard = Normal::new(0.0, 1.0).expect("a standard deviation of 1");
+        let mut bytes = Vec::new();
+        for line in 0..LINES {
+            let height = 120.0 * random.random_range(0.2..1.0);
+            let below = |edge: f64| normal((edge - centre(line)) / 1.2).1;
+            for i in 0..length {
+                let unit = 1.2 * (2.0 * std::f64::consts::PI).sqrt();
+                let mean = 8.0 + height * unit * (below(i as f64 + 0.5) - below(i as f64 - 0.5));
+                let value: f64 = mean + (mean / 40.0 + 1.0).sqrt() * standard.sample(&mut random);
+                bytes.push(value.round().clamp(0.0, 255.0) as u8);
+            }
+        }
+        let words: Vec<u16> = bytes.iter().map(|v| u16::from(*v)).collect();
+        let good = |stripe: &Stripe| {
+            let near = |position: f64, line: usize| (position - centre(line)).abs() < 0.7;
+            stripe.measurements().filter(|m| near(m.position_px, m.line)).count() as f64 / LINES as f64
+        };
+        let tracking = Some(Tracking { reach_px: 10, full_every: 100 });
+        let mut engine = Engine::new(Level::new(), model(1.2));
+        let mut stripe = Stripe::empty();
+        for _ in 0..2 {
+            let view = View::packed(&bytes, length, LINES).expect("sized");
+            let job = whole(view, Axis::PerRow, Kind::Fast);
+            engine.extract(job, tracking, &mut Buffers::default(), &mut stripe);
+            assert!(good(&stripe) > FOUND, "{length}, 8 bits: {}", good(&stripe));
+        }
+        let mut engine = Engine::new(Level::new(), model(1.2));
+        for _ in 0..2 {
+            let view = View::packed(&words, length, LINES).expect("sized");
+            let job = whole(view, Axis::PerRow, Kind::Fast);
+            engine.extract(job, tracking, &mut Buffers::default(), &mut stripe);
+            assert!(good(&stripe) > FOUND, "{length}, 16 bits: {}", good(&stripe));
+        }
+    }
+}
+
 fn any_job() -> impl Strategy<Value = (usize, usize, usize, u64, bool, bool, usize)> {
     (1usize..150, 1usize..90, 0usize..9, any::<u64>(), any::<bool>(), any::<bool>(), 0usize..4)
 }

@@ -63,10 +63,10 @@ impl Engine {
         stripe: &mut Stripe,
     ) {
         let (first_line, _, _) = job.origin();
-        let lines = first_line..first_line + job.lines();
+        let mut lines = first_line..first_line + job.lines();
         // Without an early end first, which vectors do not have; few images have any.
         let any = stripe.flags[lines.clone()].iter().fold(Flags::NONE, |any, flags| any | *flags);
-        if !any.contains(Flags::EDGE) || !{ lines }.any(|line| is_open(stripe, line)) {
+        if !any.contains(Flags::EDGE) || !lines.any(|line| is_open(stripe, line)) {
             return;
         }
         self.widths.banks(&self.model);

@@ -22,7 +22,7 @@ pub(super) type Pair = [i16; 2 * CHUNK];
 pub(crate) struct Windows<P> {
     /// Pixels of columns, offset by offset.
     raw: Aligned<P>,
-    /// Pairs of pixels, less their [`Lanes::BIAS`](super::lanes::Lanes::BIAS), chunk of lines after chunk.
+    /// Pairs of pixels, from which [`Lanes::BIAS`](super::lanes::Lanes::BIAS) is taken, chunk of lines after chunk.
     pairs: Aligned<i16>,
     /// Pairs a chunk.
     chunk: usize,
@@ -64,6 +64,8 @@ impl<P: Pixel> Windows<P> {
         // Room for what is shifted into place, and for what makes a pair of the last pixel.
         self.raw.resize((taps + 1 + SPREAD as usize) * GROUP);
         if group.at.len() < GROUP {
+            // Beyond the last line lies what was there before.
+            self.raw.fill(P::ZERO);
             self.columns_one_by_one(image, roi, group, 0..group.at.len());
         } else {
             for lane in (0..GROUP).step_by(P::N) {
