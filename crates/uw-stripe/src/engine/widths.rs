@@ -131,7 +131,7 @@ impl Engine {
                     let sound = inside
                         && !leaning[l / CHUNK]
                         && e.excess[l] >= 0.0
-                        && e.sigma[l] <= model.max_sigma_px
+                        && (0.0..=model.max_sigma_px).contains(&e.sigma[l])
                         && e.shift[l].abs() <= bank.recentre
                         && e.slope[l].abs() <= LEVEL
                         && e.top[l] < model.noise.full_scale_dn;
