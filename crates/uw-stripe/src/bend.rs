@@ -13,7 +13,7 @@ mod curves;
 
 use crate::engine::lanes::CHUNK;
 use crate::median::median_of_known;
-use crate::profile::{Flags, Reject, Stripe};
+use crate::profile::{Flags, Reject, Stripe, union};
 use crate::special::ln;
 use curves::{Curves, REACH_LINES};
 use fearless_simd::{Level, Simd, dispatch};
@@ -68,7 +68,7 @@ impl Bends {
         let amplitude = &stripe.amplitude[lines.clone()];
         dispatch!(level, simd => self.curves.along(simd, position, width, amplitude));
         self.curves.near_breaks(position);
-        let edges = stripe.flags.iter().fold(Flags::NONE, |all, f| all | *f).contains(Flags::EDGE);
+        let edges = union(&stripe.flags).contains(Flags::EDGE);
         self.tell(&stripe.flags, lines.clone(), edges);
         let sigma = &stripe.sigma_px[lines.clone()];
         let Some(blur) = dispatch!(level, simd => self.blur(simd, width, sigma)) else { return };

@@ -40,6 +40,12 @@ impl Flags {
     }
 }
 
+/// All that some lines are flagged with: without an early end, which vectors do not have.
+#[inline(always)]
+pub(crate) fn union(flags: &[Flags]) -> Flags {
+    flags.iter().fold(Flags::NONE, |all, flags| all | *flags)
+}
+
 impl std::ops::BitOr for Flags {
     type Output = Self;
     fn bitor(self, other: Self) -> Self {

@@ -29,8 +29,6 @@ pub trait Lanes: SimdIntElement + Default + Ord + Send + Sync + std::ops::Sub<Ou
     type Keys<S: Simd>: SimdBase<S, Element = Self::Wide> + SimdInt<S>;
     /// A lane of it.
     type Wide: SimdIntElement + Copy + Default + Ord;
-    /// Bytes a pixel.
-    const SIZE: usize = size_of::<Self>();
     /// What is taken from grey values so that 16 bits hold them with a sign, DN.
     const BIAS: f32;
     /// The smallest grey value.

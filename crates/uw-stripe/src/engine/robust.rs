@@ -8,7 +8,7 @@ use super::{Buffers, Engine, Job, Model};
 use crate::lines::{Clip, Line};
 use crate::mle::{self, Common, Fit, Fitter, Seed, Source, WINDOW, WidthPrior};
 use crate::peak::{Candidate, Candidates, stands_out};
-use crate::profile::{Flags, Reject, Stripe};
+use crate::profile::{Flags, Reject, Stripe, union};
 use crate::track::{Tracker, go_on};
 use crate::verdict::{self, LEAST_RUN, run_reach};
 use crate::{Axis, Pixel};
@@ -151,8 +151,8 @@ impl Engine {
             s.flags[line].contains(Flags::SATURATED)
                 || (s.flags[line].contains(Flags::EDGE) && s.reject[line].is_none())
         };
-        // Without an early end, which vectors do not have; few images have any.
-        let any = stripe.flags[lines.clone()].iter().fold(Flags::NONE, |any, flags| any | *flags);
+        // Few images have any.
+        let any = union(&stripe.flags[lines.clone()]);
         let unfit = Flags::SATURATED | Flags::EDGE;
         if any.without(unfit) == any || !lines.clone().any(|line| needs(stripe, line)) {
             return;
@@ -195,7 +195,7 @@ impl Engine {
     fn drop_steps<P: Pixel>(&self, job: &Job<'_, P>, stripe: &mut Stripe) {
         let (first_line, first_pixel, length) = job.origin();
         let lines = first_line..first_line + job.lines();
-        let any = stripe.flags[lines.clone()].iter().fold(Flags::NONE, |any, flags| any | *flags);
+        let any = union(&stripe.flags[lines.clone()]);
         if any.without(Flags::EDGE) == any {
             return;
         }

@@ -12,7 +12,7 @@ use super::measure::{WIDENING, group_from, read_width};
 use super::window::{GROUP, Group};
 use super::{Buffers, Engine, Job, Model};
 use crate::Pixel;
-use crate::profile::{Flags, Stripe};
+use crate::profile::{Flags, Stripe, union};
 
 /// Ratio of a bank's width to the next one's, and how many there are on either side of the model's own.
 const RATIO: f32 = 1.15;
@@ -64,9 +64,10 @@ impl Engine {
     ) {
         let (first_line, _, _) = job.origin();
         let mut lines = first_line..first_line + job.lines();
-        // Without an early end first, which vectors do not have; few images have any.
-        let any = stripe.flags[lines.clone()].iter().fold(Flags::NONE, |any, flags| any | *flags);
-        if !any.contains(Flags::EDGE) || !lines.any(|line| is_open(stripe, line)) {
+        // Few images have any.
+        if !union(&stripe.flags[lines.clone()]).contains(Flags::EDGE)
+            || !lines.any(|line| is_open(stripe, line))
+        {
             return;
         }
         self.widths.banks(&self.model);

@@ -64,7 +64,7 @@ impl<P: Pixel> Windows<P> {
         // Room for what is shifted into place, and for what makes a pair of the last pixel.
         self.raw.resize((taps + 1 + SPREAD as usize) * GROUP);
         if group.at.len() < GROUP {
-            // Beyond the last line lies what was there before.
+            // Beyond the last line there would lie what was there before.
             self.raw.fill(P::ZERO);
             self.columns_one_by_one(image, roi, group, 0..group.at.len());
         } else {
@@ -228,7 +228,7 @@ fn whole_rows<'a, P: Pixel>(
 /// place, and once for every bit of a place in a row makes columns of rows.
 #[inline(always)]
 fn turn<S: Simd, P: Pixel>(simd: S, mut units: [u32x16<S>; SQUARE], to: &mut [Pair; TURNED / 2]) {
-    let count = TURNED * P::SIZE / 4;
+    let count = TURNED * size_of::<P>() / 4;
     for _ in 0..count.ilog2() {
         let mut next = [u32x16::splat(simd, 0); SQUARE];
         for i in 0..count / 2 {

@@ -3,7 +3,7 @@
 use fearless_simd::{Simd, dispatch};
 
 use super::{Ridge, RidgePoints};
-use crate::profile::{Flags, Reject, Stripe};
+use crate::profile::{Flags, Reject, Stripe, union};
 use crate::{Pixel, View};
 
 /// Lines to either side over which the ridge is compared with the filters' centres: haze is smooth along the stripe.
@@ -91,7 +91,7 @@ impl Onto {
         self.edge.clear();
         self.edge.resize(lines, 0.0);
         let edged = |flags: &Flags| flags.contains(Flags::EDGE);
-        if !edged(&stripe.flags.iter().fold(Flags::NONE, |all, flags| all | *flags)) {
+        if !edged(&union(&stripe.flags)) {
             return;
         }
         for (line, (edge, least)) in self.edge.iter_mut().zip(&self.least).enumerate() {
