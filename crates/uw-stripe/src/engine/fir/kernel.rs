@@ -138,9 +138,12 @@ impl Whole {
         const LARGEST: f64 = i16::MAX as f64;
         // What rounding adds to a tap's odd and even part at most.
         let added = 2.0 * filters.len() as f64;
-        let last = filters.len() - 1;
+        let (last, middle) = (filters.len() - 1, filters.len() / 2);
         let part = |k: usize, sign: f64| 0.5 * (filters[k][which] + sign * filters[last - k][which]);
-        let size = |k: usize| part(k, -1.0).abs() + part(k, 1.0).abs();
+        // The middle makes the even part's sum nothing, which in the narrowest filters rounding has left something.
+        let balance = -2.0 * (0..middle).map(|k| part(k, 1.0)).sum::<f64>();
+        let even = |k: usize| if k == middle { balance } else { part(k, 1.0) };
+        let size = |k: usize| part(k, -1.0).abs() + even(k).abs();
         let (sum, most) =
             (0..=last).map(size).fold((0.0f64, 0.0f64), |(sum, most), size| (sum + size, most.max(size)));
         let unit = (sum / (LARGEST_SUM - added).max(1.0)).max(most / (LARGEST - added).max(1.0));
@@ -148,13 +151,13 @@ impl Whole {
         let mut both: Vec<[i32; 2]> = (0..=last).map(|k| [whole(part(k, -1.0)), 0]).collect();
         // What rounding leaves of an even part goes to the next one: the flat ends of a wide filter would all be rounded the same way.
         let (mut sum, mut done) = (0.0, 0);
-        for k in 0..last / 2 {
+        for k in 0..middle {
             sum += part(k, 1.0);
             let next = whole(sum);
             (both[k][1], both[last - k][1]) = (next - done, next - done);
             done = next;
         }
-        both[last / 2][1] = -2 * done;
+        both[middle][1] = -2 * done;
         for (filter, [odd, even]) in filters.iter_mut().zip(&both) {
             filter[which] = f64::from(odd + even) * unit;
         }
