@@ -4,36 +4,30 @@ use fearless_simd::{Level, Select, Simd, SimdBase, SimdInt, SimdMask, dispatch};
 
 use super::front::{Blocks, Front, NOWHERE, Wanted, least_second, least_second_in_the_dark};
 use super::lanes::{MOST_LANES, splat, vector};
-use super::maxima::{Layout, maxima, maxima_of_few};
+use super::maxima::maxima;
 use crate::{Pixel, Roi, View};
 
 impl<P: Pixel> Front<P> {
     /// Finds the candidates of all columns.
     pub fn columns(&mut self, level: Level, image: &View<'_, P>, roi: Roi, wanted: Wanted) {
         let blocks = Blocks::new(roi);
+        // A row more, so that whatever column one begins with, as much as a row follows in every block.
+        self.map.resize((blocks.count + 1) * roi.width);
+        for (block, map) in (0..blocks.count).zip(self.map.chunks_exact_mut(roi.width)) {
+            maxima(level, image, &roi, blocks.range(block), map);
+        }
         if roi.width < P::N {
-            self.map.resize(blocks.count * roi.width);
-            for block in 0..blocks.count {
-                let map = &mut self.map[block * roi.width..(block + 1) * roi.width];
-                maxima_of_few(image, roi, blocks.range(block), map);
-            }
             self.few_columns(image, blocks, wanted);
             return;
         }
-        // All blocks of a vector of columns one after the other.
-        let strips = roi.width.div_ceil(P::N);
-        let layout = Layout { apart: blocks.count * P::N, last: (strips - 1) * blocks.count * P::N };
-        self.map.resize(strips * layout.apart);
-        for block in 0..blocks.count {
-            maxima(level, image, &roi, blocks.range(block), layout, &mut self.map[block * P::N..]);
-        }
         let mut least = None;
-        for strip in 0..strips {
-            dispatch!(level, simd => self.strip(simd, image, blocks, (wanted, &mut least), strip));
+        for x in (0..roi.width).step_by(P::N) {
+            let x = x.min(roi.width - P::N);
+            dispatch!(level, simd => self.strip(simd, image, blocks, (wanted, &mut least), x));
         }
     }
 
-    /// Candidates of a vector of columns. `least`: height of a second candidate, once it had to be known.
+    /// Candidates of a vector of columns from `x` on. `least`: height of a second candidate, once it had to be known.
     #[inline(always)]
     fn strip<S: Simd>(
         &mut self,
@@ -41,14 +35,14 @@ impl<P: Pixel> Front<P> {
         image: &View<'_, P>,
         blocks: Blocks,
         (wanted, least): (Wanted, &mut Option<P>),
-        strip: usize,
+        x: usize,
     ) {
         let reach = reach(wanted, blocks);
-        let map = &self.map[strip * blocks.count * P::N..(strip + 1) * blocks.count * P::N];
+        let map = Maxima { from: &self.map[x..], apart: blocks.roi.width, count: blocks.count };
         let Some(noise) = wanted.second else {
             let mut best = Best::<S, P>::new(simd, P::ZERO);
             contrasts(simd, map, reach, &mut best);
-            self.locate(simd, image, blocks, strip, 0, best.place);
+            self.locate(simd, image, blocks, x, 0, best.place);
             return;
         };
         // What is bright enough for a second candidate nearly always lies next to the first: then there is none.
@@ -58,13 +52,13 @@ impl<P: Pixel> Front<P> {
         let one = splat(simd, P::from_index(1));
         let above = strongest.saturating_sub(look.first).simd_gt(one);
         if above.any_true() || look.last.saturating_sub(strongest).simd_gt(one).any_true() {
-            let least = *least.get_or_insert_with(|| P::from_dn(least_second(&noise, &self.map)));
-            let map = &self.map[strip * blocks.count * P::N..(strip + 1) * blocks.count * P::N];
+            let all = &self.map[..blocks.count * blocks.roi.width];
+            let least = *least.get_or_insert_with(|| P::from_dn(least_second(&noise, all)));
             let mut look = BestApart { simd, best: Best::<S, P>::new(simd, least), strongest };
             contrasts(simd, map, reach, &mut look);
-            self.locate(simd, image, blocks, strip, 1, look.best.place);
+            self.locate(simd, image, blocks, x, 1, look.best.place);
         }
-        self.locate(simd, image, blocks, strip, 0, strongest);
+        self.locate(simd, image, blocks, x, 0, strongest);
     }
 
     /// Rows of the maxima within the blocks chosen, for a vector of columns; the first of equals.
@@ -74,11 +68,10 @@ impl<P: Pixel> Front<P> {
         simd: S,
         image: &View<'_, P>,
         blocks: Blocks,
-        strip: usize,
+        x: usize,
         rank: usize,
         place: P::V<S>,
     ) {
-        let x = (strip * P::N).min(blocks.roi.width - P::N);
         let none = splat(simd, P::MAX);
         // Wraps for those that have no place, which then are the least.
         let one = splat(simd, P::from_index(1));
@@ -93,7 +86,7 @@ impl<P: Pixel> Front<P> {
                 continue;
             }
             let block = block as usize;
-            let best = vector(simd, &self.map[(strip * blocks.count + block) * P::N..][..P::N]);
+            let best = vector(simd, &self.map[block * blocks.roi.width + x..][..P::N]);
             let range = blocks.range(block);
             let (pixels, stride) = image.starting_at(blocks.roi.x + x, blocks.roi.y + range.start);
             // Blocks of very tall images have more rows than a byte can number: parts of them.
@@ -119,7 +112,8 @@ impl<P: Pixel> Front<P> {
     fn few_columns(&mut self, image: &View<'_, P>, blocks: Blocks, wanted: Wanted) {
         let Blocks { roi, count, .. } = blocks;
         let reach = reach(wanted, blocks);
-        let least = wanted.second.map(|noise| P::from_dn(least_second(&noise, &self.map)));
+        let all = &self.map[..count * roi.width];
+        let least = wanted.second.map(|noise| P::from_dn(least_second(&noise, all)));
         for x in 0..roi.width {
             let map = |block: usize| (block < count).then(|| self.map[block * roi.width + x]);
             let contrast = |block: usize| {
@@ -233,33 +227,53 @@ impl<S: Simd, P: Pixel> Look<S, P> for BestApart<S, P> {
     }
 }
 
+/// The blocks' maxima of a vector of columns: each so many grey values after the one before.
+#[derive(Clone, Copy)]
+struct Maxima<'a, P> {
+    from: &'a [P],
+    apart: usize,
+    count: usize,
+}
+
+impl<'a, P: Pixel> Maxima<'a, P> {
+    /// Those of some blocks, as far as there are any, each from its first column on.
+    #[inline(always)]
+    fn of(self, blocks: std::ops::Range<usize>) -> std::iter::Take<std::slice::ChunksExact<'a, P>> {
+        let first = blocks.start.min(self.count - 1);
+        let count = blocks.end.min(self.count).saturating_sub(blocks.start);
+        self.from[first * self.apart..].chunks_exact(self.apart).take(count)
+    }
+}
+
 /// How far each block of a vector of columns stands out of those a reach away, with its number, in their order; of two such blocks the lower
 /// counts, or the one there is.
 #[inline(always)]
-fn contrasts<S: Simd, P: Pixel>(simd: S, map: &[P], reach: usize, look: &mut impl Look<S, P>) {
-    let count = map.len() / P::N;
+fn contrasts<S: Simd, P: Pixel>(simd: S, map: Maxima<'_, P>, reach: usize, look: &mut impl Look<S, P>) {
+    let count = map.count;
     let one = splat(simd, P::from_index(1));
     let mut number = splat(simd, P::ZERO);
-    let beyond = |blocks: usize| (blocks * P::N).min(map.len());
-    let vectors =
-        |blocks: std::ops::Range<usize>| map[beyond(blocks.start)..beyond(blocks.end)].chunks_exact(P::N);
     // The first ones have none before, the last none after; where there are few some have neither.
-    let mut later = vectors(reach..count);
-    for here in vectors(0..reach) {
-        let here = vector(simd, here);
-        let low = if let Some(after) = later.next() { vector(simd, after) } else { splat(simd, P::ZERO) };
-        look.see(number, here.saturating_sub(low));
+    let mut later = map.of(reach..count);
+    for here in map.of(0..reach) {
+        let low = if let Some(after) = later.next() { first(simd, after) } else { splat(simd, P::ZERO) };
+        look.see(number, first(simd, here).saturating_sub(low));
         number += one;
     }
     let middle = count.saturating_sub(reach).max(reach);
-    let both = vectors(reach..middle).zip(vectors(0..count)).zip(later);
+    let both = map.of(reach..middle).zip(map.of(0..count)).zip(later);
     for ((here, before), after) in both {
-        let low = vector(simd, before).min(vector(simd, after));
-        look.see(number, vector(simd, here).saturating_sub(low));
+        let low = first(simd, before).min(first(simd, after));
+        look.see(number, first(simd, here).saturating_sub(low));
         number += one;
     }
-    for (here, before) in vectors(middle..count).zip(vectors(middle - reach..count)) {
-        look.see(number, vector(simd, here).saturating_sub(vector(simd, before)));
+    for (here, before) in map.of(middle..count).zip(map.of(middle - reach..count)) {
+        look.see(number, first(simd, here).saturating_sub(first(simd, before)));
         number += one;
     }
+}
+
+/// The first vector of some maxima.
+#[inline(always)]
+fn first<S: Simd, P: Pixel>(simd: S, maxima: &[P]) -> P::V<S> {
+    vector(simd, &maxima[..P::N])
 }

@@ -1,7 +1,6 @@
 //! Pass one: the largest grey values of blocks of rows, at the speed of a read.
 //!
-//! Rows are read in the order of memory, whole up to four kilobytes where their width is a sensor's: the processor's prefetching follows one run of
-//! lines without gaps.
+//! Rows are read whole, in the order of memory: the processor's prefetching follows one run of lines without gaps.
 
 use std::ops::Range;
 
@@ -12,26 +11,19 @@ use crate::{Pixel, Roi, View};
 
 /// Rows of which the maximum is formed at a time.
 pub(super) const ROWS: usize = 16;
+/// Vectors that are raised in memory at a time.
+const STEP: usize = 4;
 
-/// Where the maxima of the columns' vectors go: every vector so many elements after the one before, and the last, which is moved back to
-/// end with the region where that is no whole number of vectors wide.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Layout {
-    pub apart: usize,
-    pub last: usize,
-}
-
-/// Some rows of a region, and where their maxima go.
+/// Some rows of a region at least a vector wide.
 struct Strip<'a, P> {
     /// From the first row's first pixel on, and pixels from a row to the next.
     pixels: &'a [P],
     stride: usize,
     width: usize,
     rows: usize,
-    layout: Layout,
 }
 
-/// Largest grey value of each column in some rows of a region at least a vector wide.
+/// Largest grey value of each column in some rows of a region: as many as it is wide.
 ///
 /// What steps are told that are dispatched block by block goes by reference: to copy what was just written in parts, all at once, waits until
 /// it has reached the cache.
@@ -41,97 +33,63 @@ pub(super) fn maxima<P: Pixel>(
     image: &View<'_, P>,
     roi: &Roi,
     rows: Range<usize>,
-    layout: Layout,
     map: &mut [P],
 ) {
+    if roi.width < P::N {
+        maxima_of_few(image, roi, rows, map);
+        return;
+    }
     let (pixels, stride) = image.starting_at(roi.x, roi.y + rows.start);
-    let strip = &Strip { pixels, stride, width: roi.width, rows: rows.len(), layout };
+    let strip = &Strip { pixels, stride, width: roi.width, rows: rows.len() };
     dispatch!(level, simd => maxima_here(simd, strip, map));
 }
 
-/// Rows as wide as one of these numbers of vectors, as sensors' mostly are, are read whole, others and wider ones in parts, the larger first, so
-/// that little is left beside them. Up to 32 are held in registers where there are as many: to keep maxima in memory holds up every pixel
-/// that is read and lies as far into its page as a maximum that was just written into its own.
+/// As many vectors of maxima as can be are held in registers, where there are 32 of 64 bytes; the rest, of wider rows, in memory.
 #[inline(always)]
 fn maxima_here<S: Simd, P: Pixel>(simd: S, strip: &Strip<'_, P>, map: &mut [P]) {
-    let mut done = 0;
-    macro_rules! parts {
-        ($($times:literal * $count:literal),*) => {
-            $(done = parts::<S, P, $count, $times>(simd, strip, map, done);)*
+    macro_rules! held {
+        ($($count:literal),*) => {
+            match strip.width / P::N {
+                $($count.. => raise_all::<S, P, $count>(simd, strip, map),)*
+                _ => {}
+            }
         };
     }
-    if (strip.width / P::N).is_multiple_of(64) {
-        parts!(4 * 16);
-    }
-    parts!(
-        4 * 15,
-        3 * 15,
-        4 * 10,
-        2 * 16,
-        2 * 15,
-        2 * 12,
-        2 * 10,
-        1 * 16,
-        1 * 15,
-        1 * 12,
-        1 * 10,
-        1 * 4,
-        1 * 2,
-        1 * 1
-    );
-    if !strip.width.is_multiple_of(P::N) {
-        let last = strip.layout.last;
-        part::<S, P, 1, 1>(simd, strip, strip.width - P::N, &mut map[last..]);
-    }
+    held!(30, 28, 26, 24, 22, 20, 18, 16, 15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1);
 }
 
-/// As many parts of `TIMES` by `COUNT` vectors as there are from `done` vectors on; how many are done then.
+/// Maxima of rows whose first `COUNT` vectors have theirs in registers, as has what is left of them behind the last whole vector.
 #[inline(always)]
-fn parts<S: Simd, P: Pixel, const COUNT: usize, const TIMES: usize>(
-    simd: S,
-    strip: &Strip<'_, P>,
-    map: &mut [P],
-    mut done: usize,
-) -> usize {
-    while done + TIMES * COUNT <= strip.width / P::N {
-        part::<S, P, COUNT, TIMES>(simd, strip, done * P::N, &mut map[done * strip.layout.apart..]);
-        done += TIMES * COUNT;
+fn raise_all<S: Simd, P: Pixel, const COUNT: usize>(simd: S, strip: &Strip<'_, P>, map: &mut [P]) {
+    let Strip { pixels, stride, width, rows } = *strip;
+    let (held, whole) = (COUNT * P::N, width - width % P::N);
+    let map = &mut map[..width];
+    // In vectors, as they are read again at once: what was written in parts would have to reach the cache first.
+    for map in map[held..whole].chunks_exact_mut(P::N) {
+        splat(simd, P::ZERO).store_slice(map);
     }
-    done
-}
-
-/// Maxima of some vectors from pixel `from` of the rows on. In up to four arrays: the compiler keeps a larger one in memory.
-#[inline(always)]
-fn part<S: Simd, P: Pixel, const COUNT: usize, const TIMES: usize>(
-    simd: S,
-    strip: &Strip<'_, P>,
-    from: usize,
-    map: &mut [P],
-) {
-    let [mut a, mut b, mut c, mut d] = [[splat(simd, P::ZERO); COUNT]; 4];
-    let size = COUNT * P::N;
-    for r in 0..strip.rows {
-        let row = &strip.pixels[r * strip.stride + from..][..TIMES * size];
-        raise(simd, &mut a, row);
-        if TIMES > 1 {
-            raise(simd, &mut b, &row[size..]);
+    let mut best = [splat(simd, P::ZERO); COUNT];
+    let mut last = splat(simd, P::ZERO);
+    // Rows that are known to be there: to look each of them up in the image costs a fifth of the speed from memory.
+    for row in pixels.chunks(stride).take(rows) {
+        let row = &row[..width];
+        raise(simd, &mut best, &row[..held]);
+        if held < whole {
+            raise_in_memory(simd, &mut map[held..whole], &row[held..whole]);
         }
-        if TIMES > 2 {
-            raise(simd, &mut c, &row[2 * size..]);
-        }
-        if TIMES > 3 {
-            raise(simd, &mut d, &row[3 * size..]);
+        if whole < width {
+            last = last.max(vector(simd, &row[width - P::N..]));
         }
     }
-    let mut places = map.chunks_mut(strip.layout.apart);
-    for best in &[a, b, c, d][..TIMES] {
-        for (best, map) in best.iter().zip(&mut places) {
-            best.store_slice(&mut map[..P::N]);
-        }
+    if whole < width {
+        last.store_slice(&mut map[width - P::N..]);
+    }
+    for (best, map) in best.iter().zip(map.chunks_exact_mut(P::N)) {
+        best.store_slice(map);
     }
 }
 
-/// Raises maxima to what a row has from its first pixel on.
+/// Raises maxima to what a row has.
 #[inline(always)]
 fn raise<S: Simd, P: Pixel, const COUNT: usize>(simd: S, best: &mut [P::V<S>; COUNT], row: &[P]) {
     for (best, part) in best.iter_mut().zip(row.chunks_exact(P::N)) {
@@ -139,8 +97,27 @@ fn raise<S: Simd, P: Pixel, const COUNT: usize>(simd: S, best: &mut [P::V<S>; CO
     }
 }
 
+/// The same in memory, of whole vectors.
+#[inline(always)]
+fn raise_in_memory<S: Simd, P: Pixel>(simd: S, map: &mut [P], row: &[P]) {
+    let mut maps = map.chunks_exact_mut(STEP * P::N);
+    let mut rows = row.chunks_exact(STEP * P::N);
+    for (map, row) in (&mut maps).zip(&mut rows) {
+        raise_vectors(simd, map, row);
+    }
+    raise_vectors(simd, maps.into_remainder(), rows.remainder());
+}
+
+/// The same a vector at a time.
+#[inline(always)]
+fn raise_vectors<S: Simd, P: Pixel>(simd: S, map: &mut [P], row: &[P]) {
+    for (map, row) in map.chunks_exact_mut(P::N).zip(row.chunks_exact(P::N)) {
+        vector(simd, map).max(vector(simd, row)).store_slice(map);
+    }
+}
+
 /// The same for a region narrower than a vector.
-pub(super) fn maxima_of_few<P: Pixel>(image: &View<'_, P>, roi: Roi, rows: Range<usize>, map: &mut [P]) {
+fn maxima_of_few<P: Pixel>(image: &View<'_, P>, roi: &Roi, rows: Range<usize>, map: &mut [P]) {
     map.fill(P::ZERO);
     for y in rows {
         let row = &image.row(roi.y + y)[roi.x..roi.x + roi.width];
@@ -177,32 +154,23 @@ mod tests {
     use super::super::tests::levels;
     use super::*;
 
-    /// Every number of vectors that is read at once, and what is left beside them, at both layouts.
+    /// Every number of vectors that registers hold, what memory holds beside them, and what is left behind the last whole one.
     fn are_the_largest<P: Pixel>(number: impl Fn(usize) -> P) {
-        const MOST: usize = 130;
-        let stride = MOST * P::N + 7;
+        const MOST: usize = 70;
+        let stride = (MOST + 1) * P::N;
         let pixels: Vec<P> = (0..stride * 20).map(|i| number(i.wrapping_mul(2_654_435_761) >> 12)).collect();
-        for whole in 1..MOST {
+        for whole in 0..MOST {
             for (more, rows) in [(0, 2..18), (1, 3..4), (P::N - 1, 0..5)] {
-                let roi = Roi { x: 3, y: 1, width: whole * P::N + more, height: 18 };
-                let view = View::new(&pixels, stride, 20, stride).expect("sized");
-                let strips = roi.width.div_ceil(P::N);
-                let dense = Layout { apart: P::N, last: roi.width - P::N };
-                let apart = Layout { apart: 3 * P::N, last: 3 * (strips - 1) * P::N };
+                let roi = Roi { x: 1, y: 1, width: (whole * P::N + more).max(1), height: 18 };
+                // The last row ends with the image, in the middle of a row of memory.
+                let view = View::new(&pixels, roi.x + roi.width, 20, stride).expect("sized");
                 let want: Vec<P> = (roi.x..roi.x + roi.width)
                     .map(|x| rows.clone().map(|y| view.row(roi.y + y)[x]).max().expect("some rows"))
                     .collect();
                 for level in levels() {
-                    let mut map = vec![P::ZERO; 3 * strips * P::N];
-                    maxima(level, &view, &roi, rows.clone(), dense, &mut map);
-                    assert!(map[..roi.width] == want, "{level:?} {roi:?}");
-                    assert!(map[roi.width..].iter().all(|m| *m == P::ZERO), "{level:?} {roi:?}");
-                    maxima(level, &view, &roi, rows.clone(), apart, &mut map);
-                    for strip in 0..strips {
-                        let from = (strip * P::N).min(roi.width - P::N);
-                        let got = &map[strip * apart.apart..][..P::N];
-                        assert!(got == &want[from..][..P::N], "{level:?} {roi:?} {strip}");
-                    }
+                    let mut map = vec![P::MAX; roi.width];
+                    maxima(level, &view, &roi, rows.clone(), &mut map);
+                    assert!(map == want, "{level:?} {roi:?}");
                 }
             }
         }
