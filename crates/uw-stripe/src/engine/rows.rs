@@ -129,12 +129,9 @@ impl<P: Pixel> Front<P> {
 
     /// The candidates of some rows of a region that holds nothing but the stripe's surroundings: each row's maximum.
     pub fn rows_nearby(&mut self, level: Level, image: &View<'_, P>, roi: Roi, rows: Range<usize>) {
-        let places = self.places[0].at[rows.clone()].chunks_mut(ROWS);
-        for (first, places) in rows.step_by(ROWS).zip(places) {
-            let part = image.starting_at(roi.x, roi.y + first);
-            let found = dispatch!(level, simd => tops(simd, part, roi.width, places.len()));
-            places.copy_from_slice(&found[..places.len()]);
-        }
+        let places = &mut self.places[0].at[rows.clone()];
+        let part = image.starting_at(roi.x, roi.y + rows.start);
+        dispatch!(level, simd => tops_of_group(simd, part, roi.width, places));
     }
 
     /// Candidates of some blocks of rows from their maxima. Each step is done for all of them before the next: what was just written is read
@@ -296,47 +293,81 @@ fn run<S: Simd, P: Pixel>(simd: S, values: &[P], peak: usize, low: P) -> (usize,
     )
 }
 
+/// Places of the largest grey values in a group's rows, as [`tops`] finds them. All rows are read before any is searched: few of these lines of the
+/// cache follow each other, and from memory the processor waits for many as long as for one.
+#[inline(always)]
+fn tops_of_group<S: Simd, P: Pixel>(
+    simd: S,
+    (pixels, stride): (&[P], usize),
+    span: usize,
+    places: &mut [u32],
+) {
+    let mut keys = [[P::Keys::<S>::splat(simd, P::Wide::default()); ROWS]; BLOCKS];
+    for (keys, first) in keys.iter_mut().zip((0..places.len()).step_by(ROWS)) {
+        let rows = (places.len() - first).min(ROWS);
+        fill_keys(simd, (&pixels[first * stride..], stride), span, rows, keys);
+    }
+    for (keys, places) in keys.iter_mut().zip(places.chunks_mut(ROWS)) {
+        places.copy_from_slice(&largest::<S, P>(simd, keys, span)[..places.len()]);
+    }
+}
+
 /// Place of the largest grey value in each of up to 16 rows, `span` pixels of each, at least half a vector and at most what a byte numbers.
 ///
 /// Each value is put above a number that tells its place, every other is compared with its neighbour, and what remains of all rows is halved in the
 /// same way until each lane holds a row. Two rows share a vector where half of one holds a row.
 #[inline(always)]
-fn tops<S: Simd, P: Pixel>(
+fn tops<S: Simd, P: Pixel>(simd: S, pixels: (&[P], usize), span: usize, rows: usize) -> [u32; ROWS] {
+    let mut keys = [P::Keys::<S>::splat(simd, P::Wide::default()); ROWS];
+    fill_keys(simd, pixels, span, rows, &mut keys);
+    largest::<S, P>(simd, &mut keys, span)
+}
+
+/// The larger of each two neighbours in up to 16 rows above the number of its place: a vector for each row or for two.
+#[inline(always)]
+fn fill_keys<S: Simd, P: Pixel>(
     simd: S,
     (pixels, stride): (&[P], usize),
     span: usize,
     rows: usize,
-) -> [u32; ROWS] {
+    keys: &mut [P::Keys<S>; ROWS],
+) {
     // Below the last row comes the last row again.
     let row = |r: usize| &pixels[r.min(rows - 1) * stride..][..span];
-    let mut best = [P::Keys::<S>::splat(simd, P::Wide::default()); ROWS];
     if span <= P::N / 2 {
         let numbers = P::numbers(simd, 0, P::N / 2);
-        for (r, best) in best[..ROWS / 2].iter_mut().enumerate() {
-            *best = P::keys(simd, P::join(simd, row(2 * r), row(2 * r + 1)), numbers);
+        for (r, key) in keys[..ROWS / 2].iter_mut().enumerate() {
+            *key = P::keys(simd, P::join(simd, row(2 * r), row(2 * r + 1)), numbers);
         }
-    } else {
-        let numbers = P::numbers(simd, 0, P::N);
-        for (r, best) in best.iter_mut().enumerate() {
-            let row = row(r);
-            *best = P::keys(simd, vector(simd, &row[..P::N]), numbers);
-            // Nearly always one vector or two.
-            let mut from = P::N;
-            while from < span {
-                let at = from.min(span - P::N);
-                let numbers = P::numbers(simd, at as u8, P::N);
-                *best = best.max(P::keys(simd, vector(simd, &row[at..at + P::N]), numbers));
-                from += P::N;
-            }
-        }
-        halve::<S, P, 8>(simd, &mut best);
+        return;
     }
-    halve::<S, P, 4>(simd, &mut best);
-    halve::<S, P, 2>(simd, &mut best);
-    halve::<S, P, 1>(simd, &mut best);
-    let mut tops = [0; ROWS];
-    P::places(simd, best[0]).store_slice(&mut tops);
-    tops
+    let numbers = P::numbers(simd, 0, P::N);
+    for (r, key) in keys.iter_mut().enumerate() {
+        let row = row(r);
+        *key = P::keys(simd, vector(simd, &row[..P::N]), numbers);
+        // Nearly always one vector or two.
+        let mut from = P::N;
+        while from < span {
+            let at = from.min(span - P::N);
+            let numbers = P::numbers(simd, at as u8, P::N);
+            *key = key.max(P::keys(simd, vector(simd, &row[at..at + P::N]), numbers));
+            from += P::N;
+        }
+    }
+}
+
+/// The places that the largest keys tell, as [`fill_keys`] leaves them. In place: copies would have to reach the cache first.
+#[inline(always)]
+fn largest<S: Simd, P: Pixel>(simd: S, keys: &mut [P::Keys<S>; ROWS], span: usize) -> [u32; ROWS] {
+    if span > P::N / 2 {
+        halve::<S, P, 8>(simd, keys);
+    }
+    halve::<S, P, 4>(simd, keys);
+    halve::<S, P, 2>(simd, keys);
+    halve::<S, P, 1>(simd, keys);
+    let mut places = [0; ROWS];
+    P::places(simd, keys[0]).store_slice(&mut places);
+    places
 }
 
 /// Of neighbours in twice as many vectors, the larger ones, in order.
@@ -355,17 +386,20 @@ mod tests {
     /// Of spans of all lengths, in rows apart by all that a span leaves.
     fn are_the_first_largest<P: Pixel>(number: impl Fn(usize) -> P) {
         let pixels: Vec<P> =
-            (0..NUMBERED * ROWS + 7).map(|i| number(i.wrapping_mul(2_654_435_761) >> 9)).collect();
+            (0..NUMBERED * GROUP + 7).map(|i| number(i.wrapping_mul(2_654_435_761) >> 9)).collect();
         for span in (P::N / 2..=P::N / 2).chain(P::N..=NUMBERED) {
-            for (rows, stride) in [(ROWS, span), (ROWS, NUMBERED), (1, span), (11, span + 3)] {
+            for (rows, stride) in
+                [(ROWS, span), (ROWS, NUMBERED), (1, span), (11, span + 3), (GROUP, span), (37, NUMBERED)]
+            {
                 let want: Vec<u32> = pixels
                     .chunks(stride)
                     .take(rows)
                     .map(|row| (0..span).rev().max_by_key(|i| row[*i]).expect("pixels") as u32)
                     .collect();
                 for level in levels() {
-                    let found = dispatch!(level, simd => tops(simd, (&pixels, stride), span, rows));
-                    assert_eq!(found[..rows], want, "{level:?} {span} {rows} {stride}");
+                    let mut found = vec![0; rows];
+                    dispatch!(level, simd => tops_of_group(simd, (&pixels, stride), span, &mut found));
+                    assert_eq!(found, want, "{level:?} {span} {rows} {stride}");
                 }
             }
         }
