@@ -4,17 +4,18 @@ use fearless_simd::{Level, Select, Simd, SimdBase, SimdInt, SimdMask, dispatch};
 
 use super::front::{Blocks, Front, NOWHERE, Wanted, least_second, least_second_in_the_dark};
 use super::lanes::{MOST_LANES, splat, vector};
-use super::maxima::maxima;
-use crate::{Pixel, Roi, View};
+use super::maxima::{apart, maxima};
+use crate::{NoiseModel, Pixel, Roi, View};
 
 impl<P: Pixel> Front<P> {
     /// Finds the candidates of all columns.
     pub fn columns(&mut self, level: Level, image: &View<'_, P>, roi: Roi, wanted: Wanted) {
         let blocks = Blocks::new(roi);
-        // A row more, so that whatever column one begins with, as much as a row follows in every block.
-        self.map.resize((blocks.count + 1) * roi.width);
-        for (block, map) in (0..blocks.count).zip(self.map.chunks_exact_mut(roi.width)) {
-            maxima(level, image, &roi, blocks.range(block), map);
+        let apart = apart(roi.width);
+        // One more: a vector of columns takes what follows its first one in each block, past the end of the last.
+        self.map.resize((blocks.count + 1) * apart);
+        for (block, map) in (0..blocks.count).zip(self.map.chunks_exact_mut(apart)) {
+            maxima(level, image, &roi, blocks.range(block), &mut map[..roi.width]);
         }
         if roi.width < P::N {
             self.few_columns(image, blocks, wanted);
@@ -38,7 +39,7 @@ impl<P: Pixel> Front<P> {
         x: usize,
     ) {
         let reach = reach(wanted, blocks);
-        let map = Maxima { from: &self.map[x..], apart: blocks.roi.width, count: blocks.count };
+        let map = Maxima { from: &self.map[x..], apart: apart(blocks.roi.width), count: blocks.count };
         let Some(noise) = wanted.second else {
             let mut best = Best::<S, P>::new(simd, P::ZERO);
             contrasts(simd, map, reach, &mut best);
@@ -52,8 +53,7 @@ impl<P: Pixel> Front<P> {
         let one = splat(simd, P::from_index(1));
         let above = strongest.saturating_sub(look.first).simd_gt(one);
         if above.any_true() || look.last.saturating_sub(strongest).simd_gt(one).any_true() {
-            let all = &self.map[..blocks.count * blocks.roi.width];
-            let least = *least.get_or_insert_with(|| P::from_dn(least_second(&noise, all)));
+            let least = *least.get_or_insert_with(|| self.least_second(&noise, blocks));
             let mut look = BestApart { simd, best: Best::<S, P>::new(simd, least), strongest };
             contrasts(simd, map, reach, &mut look);
             self.locate(simd, image, blocks, x, 1, look.best.place);
@@ -86,7 +86,7 @@ impl<P: Pixel> Front<P> {
                 continue;
             }
             let block = block as usize;
-            let best = vector(simd, &self.map[block * blocks.roi.width + x..][..P::N]);
+            let best = vector(simd, &self.map[block * apart(blocks.roi.width) + x..][..P::N]);
             let range = blocks.range(block);
             let (pixels, stride) = image.starting_at(blocks.roi.x + x, blocks.roi.y + range.start);
             // Blocks of very tall images have more rows than a byte can number: parts of them.
@@ -108,16 +108,23 @@ impl<P: Pixel> Front<P> {
         }
     }
 
-    /// The same for regions narrower than a vector.
+    /// Least height of a second candidate.
+    fn least_second(&self, noise: &NoiseModel, blocks: Blocks) -> P {
+        let width = blocks.roi.width;
+        let maximum = |i: usize| self.map[i / width * apart(width) + i % width];
+        P::from_dn(least_second(noise, blocks.count * width, maximum))
+    }
+
+    /// [`Self::strip`] for regions narrower than a vector.
     fn few_columns(&mut self, image: &View<'_, P>, blocks: Blocks, wanted: Wanted) {
         let Blocks { roi, count, .. } = blocks;
         let reach = reach(wanted, blocks);
-        let all = &self.map[..count * roi.width];
-        let least = wanted.second.map(|noise| P::from_dn(least_second(&noise, all)));
+        let apart = apart(roi.width);
+        let least = wanted.second.map(|noise| self.least_second(&noise, blocks));
         for x in 0..roi.width {
-            let map = |block: usize| (block < count).then(|| self.map[block * roi.width + x]);
+            let map = |block: usize| (block < count).then(|| self.map[block * apart + x]);
             let contrast = |block: usize| {
-                let here = self.map[block * roi.width + x];
+                let here = self.map[block * apart + x];
                 here - here.min(around(block.checked_sub(reach).and_then(map), map(block + reach)))
             };
             let mut strongest = None::<usize>;
@@ -135,7 +142,7 @@ impl<P: Pixel> Front<P> {
                 }
                 let Some(block) = best.1 else { break };
                 strongest = Some(block);
-                let top = self.map[block * roi.width + x];
+                let top = self.map[block * apart + x];
                 let row = blocks.range(block).find(|y| image.row(roi.y + y)[roi.x + x] == top);
                 self.places[rank].at[x] = row.map_or(NOWHERE, |y| y as u32);
             }
@@ -255,25 +262,25 @@ fn contrasts<S: Simd, P: Pixel>(simd: S, map: Maxima<'_, P>, reach: usize, look:
     // The first ones have none before, the last none after; where there are few some have neither.
     let mut later = map.of(reach..count);
     for here in map.of(0..reach) {
-        let low = if let Some(after) = later.next() { first(simd, after) } else { splat(simd, P::ZERO) };
-        look.see(number, first(simd, here).saturating_sub(low));
+        let low = if let Some(after) = later.next() { own(simd, after) } else { splat(simd, P::ZERO) };
+        look.see(number, own(simd, here).saturating_sub(low));
         number += one;
     }
     let middle = count.saturating_sub(reach).max(reach);
     let both = map.of(reach..middle).zip(map.of(0..count)).zip(later);
     for ((here, before), after) in both {
-        let low = first(simd, before).min(first(simd, after));
-        look.see(number, first(simd, here).saturating_sub(low));
+        let low = own(simd, before).min(own(simd, after));
+        look.see(number, own(simd, here).saturating_sub(low));
         number += one;
     }
     for (here, before) in map.of(middle..count).zip(map.of(middle - reach..count)) {
-        look.see(number, first(simd, here).saturating_sub(first(simd, before)));
+        look.see(number, own(simd, here).saturating_sub(own(simd, before)));
         number += one;
     }
 }
 
-/// The first vector of some maxima.
+/// Those of the vector of columns in a block.
 #[inline(always)]
-fn first<S: Simd, P: Pixel>(simd: S, maxima: &[P]) -> P::V<S> {
+fn own<S: Simd, P: Pixel>(simd: S, maxima: &[P]) -> P::V<S> {
     vector(simd, &maxima[..P::N])
 }

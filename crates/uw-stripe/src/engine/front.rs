@@ -81,12 +81,12 @@ pub(super) fn least_second_in_the_dark(noise: &NoiseModel) -> f32 {
     (SECOND_SIGMAS * noise.variance(0.0, 0.0).sqrt()) as f32
 }
 
-/// Least height of a second candidate, DN, by the noise at the usual level of some block maxima.
-pub(super) fn least_second<P: Pixel>(noise: &NoiseModel, map: &[P]) -> f32 {
+/// Least height of a second candidate, DN, by the noise at the usual level of so many block maxima.
+pub(super) fn least_second<P: Pixel>(noise: &NoiseModel, count: usize, maximum: impl Fn(usize) -> P) -> f32 {
     const SAMPLES: usize = 63;
     let mut sample = [P::ZERO; SAMPLES];
     for (k, out) in sample.iter_mut().enumerate() {
-        *out = map[(2 * k + 1) * map.len() / (2 * SAMPLES)];
+        *out = maximum((2 * k + 1) * count / (2 * SAMPLES));
     }
     let (_, usual, _) = sample.select_nth_unstable(SAMPLES / 2);
     (SECOND_SIGMAS * noise.variance(f64::from(usual.dn()), 0.0).sqrt()) as f32
@@ -152,7 +152,7 @@ mod tests {
             let noise =
                 NoiseModel { gain_e_per_dn, read_noise_dn, speckle_contrast: 0.0, full_scale_dn: 255.0 };
             for usual in 0..=u8::MAX {
-                let least = u8::from_dn(least_second(&noise, &[usual; 101]));
+                let least = u8::from_dn(least_second(&noise, 101, |_| usual));
                 for height in u8::from_dn(least_second_in_the_dark(&noise))..=u8::MAX {
                     let seen =
                         dispatch!(Level::new(), simd => is_second(simd, &noise, &[usual; 101], height));

@@ -6,7 +6,7 @@ use fearless_simd::{Level, Simd, SimdBase, SimdInt, SimdMask, dispatch};
 
 use super::front::{Front, Wanted, brightest, is_second, least_second_in_the_dark, position};
 use super::lanes::{MOST_LANES, NUMBERED, splat, vector};
-use super::maxima::{ROWS, maxima};
+use super::maxima::{ROWS, apart, maxima};
 use super::window::GROUP;
 use crate::{Pixel, Roi, View};
 
@@ -16,9 +16,6 @@ const MARGIN: usize = 4;
 const STEEP: usize = 24;
 /// Pixels that one comparison covers on either side of a peak.
 const ARM: usize = 32;
-
-/// Bytes after which addresses fall on the same lines of a processor's first cache.
-const PAGE: usize = 4096;
 
 /// Most blocks that are searched together.
 const BLOCKS: usize = GROUP / ROWS;
@@ -39,15 +36,11 @@ struct Search<'a> {
 
 impl<'a> Search<'a> {
     /// Some rows of a region, on which the stripe moves by so many pixels.
-    fn new<P: Pixel>(roi: &'a Roi, wanted: &'a Wanted, rows: Range<usize>, moves: usize) -> Self {
+    fn new(roi: &'a Roi, wanted: &'a Wanted, rows: Range<usize>, moves: usize) -> Self {
         let around = (3.5 * wanted.width_px).ceil() as usize;
         // Whole vectors, so that maxima lie as the image does.
         let pad = (around + STEEP).max(ARM).next_multiple_of(MOST_LANES);
-        let mut apart = (roi.width + 2 * pad).next_multiple_of(MOST_LANES);
-        // Blocks a page apart would share a few lines of the first cache: 1920 pixels of 16 bits went at .85 of the speed.
-        if (apart * size_of::<P>()).is_multiple_of(PAGE) {
-            apart += MOST_LANES;
-        }
+        let apart = apart(roi.width + 2 * pad);
         Self { roi, wanted, rows, reach: around + moves, pad, apart }
     }
 
@@ -86,7 +79,7 @@ impl<P: Pixel> Front<P> {
         wanted: &Wanted,
         rows: Range<usize>,
     ) {
-        let search = Search::new::<P>(roi, wanted, rows, STEEP);
+        let search = Search::new(roi, wanted, rows, STEEP);
         let size = BLOCKS * search.apart;
         if self.contrast.len() != size || self.map.len() != size {
             self.map.resize(size);
@@ -113,7 +106,7 @@ impl<P: Pixel> Front<P> {
         wanted: &Wanted,
         row: usize,
     ) -> Option<u32> {
-        let search = Search::new::<P>(roi, wanted, row..row + 1, 0);
+        let search = Search::new(roi, wanted, row..row + 1, 0);
         let within = search.within(0);
         self.map[within.clone()].copy_from_slice(&image.row(roi.y + row)[roi.x..][..roi.width]);
         dispatch!(level, simd => {
