@@ -229,10 +229,17 @@ impl Precise {
         mle::surroundings::share(&mut self.fits, &mut self.shapes);
         self.edges.load(self.fits.iter().map(|f| f.as_ref().map_or(f64::NAN, |f| f.flux)));
         let Self { fits, edges, scatter, .. } = self;
-        self.speckle = scatter.of(fits.iter().enumerate().map(|(i, fit)| {
-            let told = fit.as_ref().filter(|f| f.converged && f.saturated == 0 && edges.smooth(i));
-            told.map(|f| Centre { position: f.centre, sigma: f.sigma, width: f.width })
-        }));
+        self.speckle = scatter.of(
+            self.level,
+            fits.iter().enumerate().map(|(i, fit)| {
+                let told = fit.as_ref().filter(|f| f.converged && f.saturated == 0 && edges.smooth(i));
+                told.map(|f| Centre {
+                    position: f.centre as f32,
+                    sigma: f.sigma as f32,
+                    width: f.width as f32,
+                })
+            }),
+        );
         self.stripe.scatter_widths = self.speckle as f32;
         self.snr.clear();
         self.snr.resize(self.fits.len(), 0.0);

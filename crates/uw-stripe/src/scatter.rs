@@ -1,9 +1,11 @@
 //! How far the centres along a stripe scatter beyond what each predicts of itself: what speckle does, whose grains the lens spreads over
 //! several pixels, so that residuals hardly show it.
 
+use fearless_simd::{Level, Simd, dispatch};
+
 use crate::verdict::run_reach;
 
-/// Lines between the members of a difference: the grains' extent along the stripe drops out.
+/// Lines from a member of a difference to the next: the grains' extent along the stripe drops out.
 pub(crate) const SPACING: usize = 2;
 /// Squares of the third difference's coefficients 1, −3, 3, −1, in which slope and curvature of the surface drop out.
 pub(crate) const WEIGHTS: [f64; 4] = [1.0, 9.0, 9.0, 1.0];
@@ -25,51 +27,47 @@ pub(crate) fn significant(count: usize) -> f64 {
 /// A centre, its predicted sigma and the stripe's width there, px.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Centre {
-    pub position: f64,
-    pub sigma: f64,
-    pub width: f64,
+    pub position: f32,
+    pub sigma: f32,
+    pub width: f32,
 }
 
-/// Reused memory: differences' squares, their predicted variances, and the sums of widths' squares that go with them.
+/// Reused memory.
 #[derive(Debug, Default)]
 pub(crate) struct Scatter {
-    centres: Vec<Centre>,
-    squares: Vec<f64>,
-    variances: Vec<f64>,
-    widths: Vec<f64>,
+    /// Of each line; NaN where it has no centre fit to tell.
+    position: Vec<f32>,
+    sigma: Vec<f32>,
+    width: Vec<f32>,
+    /// Each difference's square, its predicted variance, and the sum of the widths' squares that goes with it. A square is negative, and so never
+    /// beyond, where there is no difference.
+    squares: Vec<f32>,
+    variances: Vec<f32>,
+    widths: Vec<f32>,
+    /// How many differences there are.
+    count: usize,
 }
 
 impl Scatter {
     /// The scatter, in widths, of the centres of successive lines beyond their sigmas, `None` where a line has no centre fit to tell: 0
     /// where chance explains it.
-    pub fn of(&mut self, centres: impl Iterator<Item = Option<Centre>>) -> f64 {
-        const ALL: usize = 3 * SPACING + 1;
-        let Self { centres: run, squares, variances, widths } = self;
-        run.clear();
-        [&mut *squares, variances, widths].into_iter().for_each(Vec::clear);
-        let reach = SPACING as f64 * f64::from(run_reach(0.0));
+    pub fn of(&mut self, level: Level, centres: impl Iterator<Item = Option<Centre>>) -> f64 {
+        let Self { position, sigma, width, .. } = self;
+        [&mut *position, sigma, width].into_iter().for_each(Vec::clear);
         for centre in centres {
-            let Some(centre) = centre else {
-                run.clear();
-                continue;
-            };
-            run.push(centre);
-            // Those between have a say, too: whether it is one surface.
-            let Some(near) = run.last_chunk::<ALL>() else { continue };
-            let [a, b, c, d] = std::array::from_fn(|k| near[k * SPACING]);
-            let four = [a, b, c, d];
-            if four.windows(2).all(|p| (p[0].position - p[1].position).abs() < reach) {
-                let difference = a.position - 3.0 * b.position + 3.0 * c.position - d.position;
-                let sum = |value: fn(&Centre) -> f64| {
-                    four.iter().zip(WEIGHTS).map(|(c, w)| w * value(c)).sum::<f64>()
-                };
-                squares.push(difference * difference);
-                variances.push(sum(|c| c.sigma * c.sigma));
-                widths.push(sum(|c| c.width * c.width));
-            }
+            let Centre { position: p, sigma: s, width: w } =
+                centre.unwrap_or(Centre { position: f32::NAN, sigma: 0.0, width: 0.0 });
+            position.push(p);
+            sigma.push(s);
+            width.push(w);
         }
-        let count = squares.len();
-        if count < LEAST || !self.is_more(0.0, significant(count)) {
+        f64::from(dispatch!(level, simd => self.of_lines(simd)))
+    }
+
+    #[inline(always)]
+    fn of_lines<S: Simd>(&mut self, _: S) -> f32 {
+        self.take();
+        if self.count < LEAST || !self.is_more(0.0, significant(self.count) as f32) {
             return 0.0;
         }
         let (mut low, mut high) = (0.0, 1.0);
@@ -80,18 +78,57 @@ impl Scatter {
         0.5 * (low + high)
     }
 
+    /// The differences over all lines that are one surface's: those between the members have a say, too.
+    #[inline(always)]
+    fn take(&mut self) {
+        // Every other one is a member.
+        let [a, before, b, between, c, after, d] = parts(&self.position, 1);
+        let [sa, sb, sc, sd] = parts(&self.sigma, SPACING);
+        let [wa, wb, wc, wd] = parts(&self.width, SPACING);
+        let n = a.len();
+        for of in [&mut self.squares, &mut self.variances, &mut self.widths] {
+            of.clear();
+            of.resize(n, 0.0);
+        }
+        let (squares, variances, widths) =
+            (&mut self.squares[..n], &mut self.variances[..n], &mut self.widths[..n]);
+        let [outer, inner, ..] = WEIGHTS.map(|w| w as f32);
+        let reach = SPACING as f32 * run_reach(0.0);
+        let mut count = 0u32;
+        for i in 0..n {
+            let near =
+                ((a[i] - b[i]).abs() < reach) & ((b[i] - c[i]).abs() < reach) & ((c[i] - d[i]).abs() < reach);
+            let known = (before[i] + between[i] + after[i]).is_finite();
+            let difference = (a[i] - d[i]) + 3.0 * (c[i] - b[i]);
+            count += u32::from(near & known);
+            squares[i] = if near & known { difference * difference } else { -1.0 };
+            variances[i] = outer * (sa[i] * sa[i] + sd[i] * sd[i]) + inner * (sb[i] * sb[i] + sc[i] * sc[i]);
+            widths[i] = outer * (wa[i] * wa[i] + wd[i] * wd[i]) + inner * (wb[i] * wb[i] + wc[i] * wc[i]);
+        }
+        self.count = count as usize;
+    }
+
     /// Whether the quantile of the differences, by their sigmas with a scatter of `k` widths, is more than so many times that of a normal
     /// distribution: counted, not sorted.
-    fn is_more(&self, k: f64, times: f64) -> bool {
-        let Self { squares, variances, widths, .. } = self;
-        let (limit, by_width) = ((times * SHARE_NORMAL).powi(2), k * k);
-        let mut beyond = 0_u64;
-        for ((square, variance), width) in squares.iter().zip(variances).zip(widths) {
-            beyond += u64::from(*square > limit * (variance + by_width * width));
+    #[inline(always)]
+    fn is_more(&self, k: f32, times: f32) -> bool {
+        let n = self.squares.len();
+        let (squares, variances, widths) = (&self.squares[..n], &self.variances[..n], &self.widths[..n]);
+        let (limit, by_width) = ((times * SHARE_NORMAL as f32).powi(2), k * k);
+        let mut beyond = 0u32;
+        for i in 0..n {
+            beyond += u32::from(squares[i] > limit * (variances[i] + by_width * widths[i]));
         }
-        let at = ((SHARE * squares.len() as f64) as usize).min(squares.len() - 1);
-        beyond as usize >= squares.len() - at
+        let at = ((SHARE * self.count as f64) as usize).min(self.count - 1);
+        beyond as usize >= self.count - at
     }
+}
+
+/// The `K` parts of equal length that begin `spacing` apart.
+#[inline(always)]
+pub(crate) fn parts<const K: usize>(values: &[f32], spacing: usize) -> [&[f32]; K] {
+    let length = values.len().saturating_sub((K - 1) * spacing);
+    std::array::from_fn(|k| values.get(k * spacing..k * spacing + length).unwrap_or(&[]))
 }
 
 #[cfg(test)]
@@ -110,11 +147,24 @@ mod tests {
             let centres = (0..600).map(|i| {
                 let position = 90.0 + 0.4 * f64::from(i) + 5.0 * (f64::from(i) / 50.0).sin();
                 let position = position + 0.05 * normal() + added * 2.0 * normal();
-                (i % 97 != 0).then_some(Centre { position, sigma: 0.05, width: 2.0 })
+                (i % 97 != 0).then_some(position as f32)
             });
-            let found = Scatter::default().of(centres);
+            let found = of(centres);
             assert!((found - added).abs() <= WITHIN * added, "{added}: {found}");
         }
-        assert!(Scatter::default().of([None; 3].into_iter()).abs() < f64::EPSILON);
+    }
+
+    #[test]
+    fn other_surfaces_and_few_lines_tell_nothing() {
+        let far = |i: usize| Some(90.0 + 40.0 * (i / 3 % 2) as f32);
+        for centres in [vec![], vec![None; 3], vec![Some(90.0); 6], (0..600).map(far).collect()] {
+            assert!(of(centres.into_iter()).abs() < f64::EPSILON);
+        }
+    }
+
+    /// Of centres with a sigma of 0.05 px and a width of 2 px.
+    fn of(centres: impl Iterator<Item = Option<f32>>) -> f64 {
+        let centre = |position: f32| Centre { position, sigma: 0.05, width: 2.0 };
+        Scatter::default().of(Level::new(), centres.map(|position| position.map(centre)))
     }
 }

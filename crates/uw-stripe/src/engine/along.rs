@@ -8,7 +8,7 @@ use crate::Pixel;
 use crate::bend::Bends;
 use crate::edges::{self, Edges};
 use crate::profile::{Flags, Reject, Stripe};
-use crate::scatter::{self, Centre, Scatter};
+use crate::scatter::{self, Centre, Scatter, parts};
 
 /// Buffers.
 #[derive(Debug, Default)]
@@ -41,17 +41,20 @@ impl Engine {
             edges.load(lines.clone().map(|i| f64::from(stripe.amplitude[i]) * f64::from(stripe.width_px[i])));
         }
         let scatter = if signs.rough {
-            scatter.of(lines.clone().enumerate().map(|(i, line)| {
-                let unsound = Flags::SATURATED | Flags::NOT_CONVERGED;
-                let told = !stripe.position_px[line].is_nan()
-                    && stripe.flags[line].without(unsound) == stripe.flags[line]
-                    && (!signs.edges || edges.smooth(i));
-                told.then(|| Centre {
-                    position: f64::from(stripe.position_px[line]),
-                    sigma: f64::from(stripe.sigma_px[line]),
-                    width: f64::from(stripe.width_px[line]),
-                })
-            }))
+            scatter.of(
+                level,
+                lines.clone().enumerate().map(|(i, line)| {
+                    let unsound = Flags::SATURATED | Flags::NOT_CONVERGED;
+                    let told = !stripe.position_px[line].is_nan()
+                        && stripe.flags[line].without(unsound) == stripe.flags[line]
+                        && (!signs.edges || edges.smooth(i));
+                    told.then(|| Centre {
+                        position: stripe.position_px[line],
+                        sigma: stripe.sigma_px[line],
+                        width: stripe.width_px[line],
+                    })
+                }),
+            )
         } else {
             0.0
         };
@@ -95,13 +98,6 @@ impl Engine {
 #[inline(always)]
 fn signs<S: Simd>(_: S, position: &[f32], sigma: &[f32], amplitude: &[f32]) -> Signs {
     Signs { edges: uneven(amplitude), rough: rough(position, sigma), bent: bent(position, sigma, amplitude) }
-}
-
-/// The `K` parts of equal length that begin `spacing` apart.
-#[inline(always)]
-fn parts<const K: usize>(values: &[f32], spacing: usize) -> [&[f32]; K] {
-    let length = values.len().saturating_sub((K - 1) * spacing);
-    std::array::from_fn(|k| values.get(k * spacing..k * spacing + length).unwrap_or(&[]))
 }
 
 /// Whether light jumps, or drifts as far as an edge's levels lie apart.
