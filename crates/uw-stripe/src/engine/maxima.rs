@@ -99,7 +99,7 @@ fn raise_all<S: Simd, P: Pixel, const COUNT: usize>(simd: S, rows: &Rows<'_, P>,
     }
 }
 
-/// Raises maxima to what a row has.
+/// Raises maxima to what a row has, whole vectors of it.
 #[inline(always)]
 fn raise<S: Simd, P: Pixel, const COUNT: usize>(simd: S, best: &mut [P::V<S>; COUNT], row: &[P]) {
     for (best, part) in best.iter_mut().zip(row.chunks_exact(P::N)) {
@@ -107,7 +107,7 @@ fn raise<S: Simd, P: Pixel, const COUNT: usize>(simd: S, best: &mut [P::V<S>; CO
     }
 }
 
-/// The same in memory, of whole vectors.
+/// The same of maxima in memory.
 #[inline(always)]
 fn raise_in_memory<S: Simd, P: Pixel>(simd: S, map: &mut [P], row: &[P]) {
     let mut maps = map.chunks_exact_mut(STEP * P::N);
@@ -126,7 +126,7 @@ fn raise_vectors<S: Simd, P: Pixel>(simd: S, map: &mut [P], row: &[P]) {
     }
 }
 
-/// The same for a region narrower than a vector.
+/// [`maxima`] of a region narrower than a vector.
 fn maxima_of_few<P: Pixel>(image: &View<'_, P>, roi: &Roi, rows: Range<usize>, map: &mut [P]) {
     map.fill(P::ZERO);
     for y in rows {
