@@ -7,8 +7,8 @@ use crate::verdict::run_reach;
 
 /// Lines from a member of a difference to the next: the grains' extent along the stripe drops out.
 pub(crate) const SPACING: usize = 2;
-/// Squares of the third difference's coefficients 1, −3, 3, −1, in which slope and curvature of the surface drop out.
-pub(crate) const WEIGHTS: [f64; 4] = [1.0, 9.0, 9.0, 1.0];
+/// Squares of the third difference's coefficients ±1 and ±3, in which slope and curvature of the surface drop out.
+const WEIGHTS: [f32; 2] = [1.0, 9.0];
 /// Share of the differences that the scatter is read at, and that quantile of |N(0, 1)|: high enough to see heavy tails, below the few that
 /// are another surface.
 pub(crate) const SHARE: f64 = 0.8;
@@ -92,18 +92,17 @@ impl Scatter {
         }
         let (squares, variances, widths) =
             (&mut self.squares[..n], &mut self.variances[..n], &mut self.widths[..n]);
-        let [outer, inner, ..] = WEIGHTS.map(|w| w as f32);
         let reach = SPACING as f32 * run_reach(0.0);
         let mut count = 0u32;
         for i in 0..n {
             let near =
                 ((a[i] - b[i]).abs() < reach) & ((b[i] - c[i]).abs() < reach) & ((c[i] - d[i]).abs() < reach);
             let known = (before[i] + between[i] + after[i]).is_finite();
-            let difference = (a[i] - d[i]) + 3.0 * (c[i] - b[i]);
+            let difference = third_difference([a[i], b[i], c[i], d[i]]);
             count += u32::from(near & known);
             squares[i] = if near & known { difference * difference } else { -1.0 };
-            variances[i] = outer * (sa[i] * sa[i] + sd[i] * sd[i]) + inner * (sb[i] * sb[i] + sc[i] * sc[i]);
-            widths[i] = outer * (wa[i] * wa[i] + wd[i] * wd[i]) + inner * (wb[i] * wb[i] + wc[i] * wc[i]);
+            variances[i] = weighted_squares([sa[i], sb[i], sc[i], sd[i]]);
+            widths[i] = weighted_squares([wa[i], wb[i], wc[i], wd[i]]);
         }
         self.count = count as usize;
     }
@@ -122,6 +121,18 @@ impl Scatter {
         let at = ((SHARE * self.count as f64) as usize).min(self.count - 1);
         beyond as usize >= self.count - at
     }
+}
+
+/// What remains of four members of a smooth curve.
+#[inline(always)]
+pub(crate) fn third_difference([a, b, c, d]: [f32; 4]) -> f32 {
+    (a - d) + 3.0 * (c - b)
+}
+
+/// Variance of that from standard deviations of the four.
+#[inline(always)]
+pub(crate) fn weighted_squares([a, b, c, d]: [f32; 4]) -> f32 {
+    WEIGHTS[0] * (a * a + d * d) + WEIGHTS[1] * (b * b + c * c)
 }
 
 /// The `K` parts of equal length that begin `spacing` apart.

@@ -119,16 +119,14 @@ fn uneven(amplitude: &[f32]) -> bool {
 fn rough(position: &[f32], sigma: &[f32]) -> bool {
     let [a, b, c, d] = parts(position, scatter::SPACING);
     let [sa, sb, sc, sd] = parts(sigma, scatter::SPACING);
-    let weight = scatter::WEIGHTS.map(|w| w as f32);
     let limit = (scatter::SHARE_NORMAL * scatter::significant(a.len())).powi(2) as f32;
     let (mut beyond, mut all) = (0u32, 0u32);
     for i in 0..a.len() {
-        let difference = (a[i] - d[i]) + 3.0 * (c[i] - b[i]);
-        let outer = weight[0] * (sa[i] * sa[i] + sd[i] * sd[i]);
-        let inner = weight[1] * (sb[i] * sb[i] + sc[i] * sc[i]);
+        let difference = scatter::third_difference([a[i], b[i], c[i], d[i]]);
+        let variance = scatter::weighted_squares([sa[i], sb[i], sc[i], sd[i]]);
         let square = difference * difference;
         all += u32::from(square >= 0.0);
-        beyond += u32::from(square > limit * (outer + inner));
+        beyond += u32::from(square > limit * variance);
     }
     all as usize >= scatter::LEAST && f64::from(beyond) > (1.0 - scatter::SHARE) * f64::from(all)
 }

@@ -4,17 +4,16 @@ use fearless_simd::{Level, Select, Simd, SimdBase, SimdInt, SimdMask, dispatch};
 
 use super::front::{Blocks, Front, NOWHERE, Wanted, least_second, least_second_in_the_dark};
 use super::lanes::{MOST_LANES, splat, vector};
-use super::maxima::{apart, maxima};
+use super::maxima::maxima;
 use crate::{NoiseModel, Pixel, Roi, View};
 
 impl<P: Pixel> Front<P> {
     /// Finds the candidates of all columns.
     pub fn columns(&mut self, level: Level, image: &View<'_, P>, roi: Roi, wanted: Wanted) {
         let blocks = Blocks::new(roi);
-        let apart = apart(roi.width);
-        // One more: a vector of columns takes what follows its first one in each block, past the end of the last.
-        self.map.resize((blocks.count + 1) * apart);
-        for (block, map) in (0..blocks.count).zip(self.map.chunks_exact_mut(apart)) {
+        // One more, unused: blocks as they are cut from any column on reach into the next one.
+        self.map.resize((blocks.count + 1) * blocks.apart());
+        for (block, map) in (0..blocks.count).zip(self.map.chunks_exact_mut(blocks.apart())) {
             maxima(level, image, &roi, blocks.range(block), &mut map[..roi.width]);
         }
         if roi.width < P::N {
@@ -39,7 +38,7 @@ impl<P: Pixel> Front<P> {
         x: usize,
     ) {
         let reach = reach(wanted, blocks);
-        let map = Maxima { from: &self.map[x..], apart: apart(blocks.roi.width), count: blocks.count };
+        let map = Maxima { from: &self.map[x..], apart: blocks.apart(), count: blocks.count };
         let Some(noise) = wanted.second else {
             let mut best = Best::<S, P>::new(simd, P::ZERO);
             contrasts(simd, map, reach, &mut best);
@@ -86,7 +85,7 @@ impl<P: Pixel> Front<P> {
                 continue;
             }
             let block = block as usize;
-            let best = vector(simd, &self.map[block * apart(blocks.roi.width) + x..][..P::N]);
+            let best = vector(simd, &self.map[blocks.place(block, x)..][..P::N]);
             let range = blocks.range(block);
             let (pixels, stride) = image.starting_at(blocks.roi.x + x, blocks.roi.y + range.start);
             // Blocks of very tall images have more rows than a byte can number: parts of them.
@@ -111,7 +110,7 @@ impl<P: Pixel> Front<P> {
     /// Least height of a second candidate.
     fn least_second(&self, noise: &NoiseModel, blocks: Blocks) -> P {
         let width = blocks.roi.width;
-        let maximum = |i: usize| self.map[i / width * apart(width) + i % width];
+        let maximum = |i: usize| self.map[blocks.place(i / width, i % width)];
         P::from_dn(least_second(noise, blocks.count * width, maximum))
     }
 
@@ -119,12 +118,11 @@ impl<P: Pixel> Front<P> {
     fn few_columns(&mut self, image: &View<'_, P>, blocks: Blocks, wanted: Wanted) {
         let Blocks { roi, count, .. } = blocks;
         let reach = reach(wanted, blocks);
-        let apart = apart(roi.width);
         let least = wanted.second.map(|noise| self.least_second(&noise, blocks));
         for x in 0..roi.width {
-            let map = |block: usize| (block < count).then(|| self.map[block * apart + x]);
+            let map = |block: usize| (block < count).then(|| self.map[blocks.place(block, x)]);
             let contrast = |block: usize| {
-                let here = self.map[block * apart + x];
+                let here = self.map[blocks.place(block, x)];
                 here - here.min(around(block.checked_sub(reach).and_then(map), map(block + reach)))
             };
             let mut strongest = None::<usize>;
@@ -142,7 +140,7 @@ impl<P: Pixel> Front<P> {
                 }
                 let Some(block) = best.1 else { break };
                 strongest = Some(block);
-                let top = self.map[block * apart + x];
+                let top = self.map[blocks.place(block, x)];
                 let row = blocks.range(block).find(|y| image.row(roi.y + y)[roi.x + x] == top);
                 self.places[rank].at[x] = row.map_or(NOWHERE, |y| y as u32);
             }

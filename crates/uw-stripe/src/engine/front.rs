@@ -10,7 +10,7 @@ use fearless_simd::{Simd, SimdBase, SimdMask};
 
 use super::aligned::Aligned;
 use super::lanes::{splat, vector};
-use super::maxima::ROWS;
+use super::maxima::{ROWS, apart};
 use crate::{NoiseModel, Pixel, Roi};
 
 /// Most blocks, so that a byte can number them.
@@ -58,6 +58,16 @@ impl Blocks {
     pub fn new(roi: Roi) -> Self {
         let rows = ROWS * roi.height.div_ceil(ROWS * MOST_BLOCKS).max(1);
         Self { roi, rows, count: roi.height.div_ceil(rows) }
+    }
+
+    /// From a block's maxima to the next ones'.
+    pub fn apart(&self) -> usize {
+        apart(self.roi.width)
+    }
+
+    /// Where a column's maximum in a block is.
+    pub fn place(&self, block: usize, x: usize) -> usize {
+        block * self.apart() + x
     }
 
     /// Rows of a block, counted from the region's first.

@@ -393,6 +393,10 @@ mod tests {
                     let mut found = vec![0; rows];
                     dispatch!(level, simd => tops_of_group(simd, (&pixels, stride), span, &mut found));
                     assert_eq!(found, want, "{level:?} {span} {rows} {stride}");
+                    if rows <= ROWS {
+                        let found = dispatch!(level, simd => tops(simd, (&pixels, stride), span, rows));
+                        assert_eq!(found[..rows], want, "{level:?} {span} {rows} {stride}");
+                    }
                 }
             }
         }
